@@ -19,7 +19,9 @@ settings.load_profile("echelon")
 # for `make slow`
 settings.register_profile("thorough", settings.get_profile("echelon"), max_examples=200)
 # for `make mutate`, which only wants to know whether a test fails: no search for the smallest example that does
-settings.register_profile("unshrunk", settings.get_profile("echelon"), phases=(Phase.explicit, Phase.generate))
+settings.register_profile(
+    "unshrunk", settings.get_profile("echelon"), phases=(Phase.explicit, Phase.generate)
+)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -27,7 +29,9 @@ def folders_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     """What is kept between commands is kept in folders of this run; the user's own are not used."""
     with pytest.MonkeyPatch.context() as patch:
         base = tmp_path_factory.getbasetemp()
-        shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base  # by all workers
+        shared = (
+            base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+        )  # by all workers
         patch.setenv("ECHELON_CACHE", str(shared / "machine-code"))
         patch.setenv("ECHELON_STATE", str(tmp_path_factory.mktemp("state")))
         yield

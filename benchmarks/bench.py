@@ -61,7 +61,9 @@ def chosen_robots(quick: bool) -> list[Robot]:
     ]
 
 
-def run(parts: Collection[str], quick: bool, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
+def run(
+    parts: Collection[str], quick: bool, repeats: int, report: Callable[[str], None]
+) -> dict[str, Any]:
     """The measurements of some parts."""
     found: dict[str, Any] = {"environment": environment(repeats)}
     if BASE in parts:
@@ -75,9 +77,13 @@ def run(parts: Collection[str], quick: bool, repeats: int, report: Callable[[str
     return judge_machine(found)
 
 
-def run_base(quick: bool, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
+def run_base(
+    quick: bool, repeats: int, report: Callable[[str], None]
+) -> dict[str, Any]:
     """Start-up, robots, linkages, chains and large mechanisms."""
-    start_up = {name: t.as_dict() for name, t in measure.start_up(repeats, report).items()}
+    start_up = {
+        name: t.as_dict() for name, t in measure.start_up(repeats, report).items()
+    }
     rows = measure.robots(chosen_robots(quick), repeats, report)
     looped = linkages.measured(linkages.chosen_linkages(quick), repeats, report)
     chains = measure.chains(CHAINS[:2] if quick else CHAINS, repeats, report)
@@ -97,7 +103,9 @@ def judge_machine(found: dict[str, Any]) -> dict[str, Any]:
     """Results with the targets of machine code judged."""
     if "machine" not in found:
         return found
-    return found | {"machine": found["machine"] | {"targets": judged_machine(found["machine"])}}
+    return found | {
+        "machine": found["machine"] | {"targets": judged_machine(found["machine"])}
+    }
 
 
 def completed(found: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -121,18 +129,33 @@ def judged(
     large: list[dict[str, Any]],
 ) -> list[dict[str, Any]]:
     """Targets that this run can judge, by median."""
-    by_name = {row["robot"]: row["seconds"] for row in rows} | {row["linkage"]: row["seconds"] for row in looped}
-    medians = [(f"{name}, fresh process", start_up[name]["median"], limit) for name, limit in START_UP_TARGETS]
-    medians += [(text, by_name[n][part]["median"], limit) for text, n, part, limit in TARGETS if n in by_name]
+    by_name = {row["robot"]: row["seconds"] for row in rows} | {
+        row["linkage"]: row["seconds"] for row in looped
+    }
+    medians = [
+        (f"{name}, fresh process", start_up[name]["median"], limit)
+        for name, limit in START_UP_TARGETS
+    ]
+    medians += [
+        (text, by_name[n][part]["median"], limit)
+        for text, n, part, limit in TARGETS
+        if n in by_name
+    ]
     derived = {row["mechanism"]: row["seconds"]["median"] for row in large}
-    medians += [(f"{name}, closed forms", derived[name], limit) for name, limit in LARGE_TARGETS if name in derived]
+    medians += [
+        (f"{name}, closed forms", derived[name], limit)
+        for name, limit in LARGE_TARGETS
+        if name in derived
+    ]
     return [Target(*median).as_dict() for median in medians]
 
 
 def write(results: dict[str, Any], folder: Path) -> None:
     """Write the three files of results."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "bench.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    (folder / "bench.json").write_text(
+        json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
     (folder / "bench.md").write_text(to_markdown(results), encoding="utf-8")
     if "chains" in results:
         plot_chains(results, folder / "chain.png")
@@ -152,19 +175,39 @@ def progress() -> Iterator[Callable[[str], None]]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Benchmarks of Echelon beside other tools.")
-    parser.add_argument("--quick", action="store_true", help="few repeats, small robots, one linkage, short chains")
-    parser.add_argument("--only", nargs="+", choices=(BASE, MACHINE, *PARTS), metavar="PART", help=_ONLY)
-    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    parser.add_argument("--repeats", type=int, help="repeats of every measurement (default 7, with --quick 1)")
-    parser.add_argument("--output", type=Path, help="folder of the results (default benchmarks/results)")
+    parser = argparse.ArgumentParser(
+        description="Benchmarks of Echelon beside other tools."
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="few repeats, small robots, one linkage, short chains",
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=(BASE, MACHINE, *PARTS), metavar="PART", help=_ONLY
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON instead of tables"
+    )
+    parser.add_argument(
+        "--repeats",
+        type=int,
+        help="repeats of every measurement (default 7, with --quick 1)",
+    )
+    parser.add_argument(
+        "--output", type=Path, help="folder of the results (default benchmarks/results)"
+    )
     options = parser.parse_args()
     if importlib.util.find_spec("pinocchio") is None:
-        parser.error("Pinocchio is not installed: pip install 'echelon-robotics[bench]'")
+        parser.error(
+            "Pinocchio is not installed: pip install 'echelon-robotics[bench]'"
+        )
     chosen = set(options.only or (BASE, MACHINE))
     parts = chosen | set(PARTS) if MACHINE in chosen else chosen
     with progress() as report:
-        results = run(parts, options.quick, options.repeats or (1 if options.quick else 7), report)
+        results = run(
+            parts, options.quick, options.repeats or (1 if options.quick else 7), report
+        )
     folder = options.output or (None if options.quick else RESULTS)
     if folder is not None:
         results = completed(results, folder) if options.only else results

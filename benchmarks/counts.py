@@ -30,8 +30,16 @@ RESULTS = Path(__file__).with_name("results") / "counts.md"
 def counted(urdf: Path, seed: int) -> int:
     """FIGAROH's count at random states."""
     model, rng = pin.buildModelFromUrdf(str(urdf)), np.random.default_rng(seed)
-    q = np.array([pin.integrate(model, pin.neutral(model), v) for v in rng.uniform(-3, 3, (SAMPLES, model.nv))])
-    qd, qdd = rng.uniform(-3, 3, (SAMPLES, model.nv)), rng.uniform(-10, 10, (SAMPLES, model.nv))
+    q = np.array(
+        [
+            pin.integrate(model, pin.neutral(model), v)
+            for v in rng.uniform(-3, 3, (SAMPLES, model.nv))
+        ]
+    )
+    qd, qdd = (
+        rng.uniform(-3, 3, (SAMPLES, model.nv)),
+        rng.uniform(-10, 10, (SAMPLES, model.nv)),
+    )
     return base_columns(regressor_builder(model)(q, qd, qdd))
 
 
@@ -40,7 +48,9 @@ def row(name: str) -> list[str]:
     urdf = find_urdf(f"{name}.urdf")
     base = ec.base_parameters(ec.load(urdf, independent_mimics=True))
     found = sorted({counted(urdf, seed) for seed in range(SEEDS)})
-    literal = base.rank if base.reading.literal_rank is None else base.reading.literal_rank
+    literal = (
+        base.rank if base.reading.literal_rank is None else base.reading.literal_rank
+    )
     return [name, str(base.rank), str(literal), ", ".join(map(str, found))]
 
 
@@ -52,7 +62,10 @@ def main() -> None:
     head = ["robot", "exact", "exact, numbers taken literally", f"FIGAROH {VERSION}"]
     versions = f"{date.today()}; pin {pin.__version__}, echelon {ec.__version__}"
     how = f"{SAMPLES} random states, {SEEDS} seeds (several numbers where they differ), FIGAROH's own tolerance"
-    RESULTS.write_text(f"# Counts of another tool\n\n{versions}; {how}.\n\n{table(head, rows)}\n", encoding="utf-8")
+    RESULTS.write_text(
+        f"# Counts of another tool\n\n{versions}; {how}.\n\n{table(head, rows)}\n",
+        encoding="utf-8",
+    )
 
 
 if __name__ == "__main__":

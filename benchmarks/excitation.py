@@ -36,14 +36,24 @@ from echelon.machine.kernel import processors
 from tabular import table
 
 ROOT = Path(__file__).resolve().parent.parent
-ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+ROBOTS = (
+    Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+)
 OUTPUT = ROOT / "benchmarks" / "results" / "excitation.md"
 UR10 = "ur_description/urdf/ur10_robot.urdf"
 REACH = 2.5
 FIGAROH, SEARCHES = "figaroh", 1
 FREE = {"acceleration": "none", "jerk": "none"}
 PANDA = {
-    "position": [2.8973, 1.7628, 2.8973, (-3.0718, -0.0698), 2.8973, (-0.0175, 3.7525), 2.8973],
+    "position": [
+        2.8973,
+        1.7628,
+        2.8973,
+        (-3.0718, -0.0698),
+        2.8973,
+        (-0.0175, 3.7525),
+        2.8973,
+    ],
     "velocity": [2.175] * 4 + [2.61] * 3,
 }
 """Limits of the manufacturer's data sheet."""
@@ -62,14 +72,22 @@ def talos() -> ec.Setup:
 
 def upper(setup: ec.Setup) -> list[str]:
     """Joints of torso, head and arms."""
-    return [name for name in setup.mechanism.velocities if name.startswith(("torso", "head", "arm"))]
+    return [
+        name
+        for name in setup.mechanism.velocities
+        if name.startswith(("torso", "head", "arm"))
+    ]
 
 
 def panda_limits() -> dict[str, Any]:
     """By joint."""
     spans = [p if isinstance(p, tuple) else (-p, p) for p in PANDA["position"]]
     positions = {f"j{k}": span for k, span in enumerate(spans, 1)}
-    return {"position": positions, "velocity": {f"j{k}": v for k, v in enumerate(PANDA["velocity"], 1)}, **FREE}
+    return {
+        "position": positions,
+        "velocity": {f"j{k}": v for k, v in enumerate(PANDA["velocity"], 1)},
+        **FREE,
+    }
 
 
 @dataclass(frozen=True)
@@ -84,14 +102,21 @@ class Case:
 
     def all_changes(self, setup: ec.Setup) -> dict[str, Any]:
         """What a call changes in the set-up."""
-        return {**self.changes, "starts": 1, **({} if self.move is None else {"move": self.move(setup)})}
+        return {
+            **self.changes,
+            "starts": 1,
+            **({} if self.move is None else {"move": self.move(setup)}),
+        }
 
 
 CASES = {
     "ur10": Case(
         "UR10, q within ±2.5, speeds of its URDF, condition number",
         lambda: urdf(UR10),
-        {"criterion": "condition", "limits": {"position": [-REACH, REACH], "effort": "none", **FREE}},
+        {
+            "criterion": "condition",
+            "limits": {"position": [-REACH, REACH], "effort": "none", **FREE},
+        },
         10,
     ),
     "panda": Case(
@@ -116,7 +141,13 @@ CASES = {
         {},
         move=lambda _: ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint"],
     ),
-    "talos": Case("upper body of the humanoid Talos, torques of its URDF, D-optimal", talos, {}, 1, move=upper),
+    "talos": Case(
+        "upper body of the humanoid Talos, torques of its URDF, D-optimal",
+        talos,
+        {},
+        1,
+        move=upper,
+    ),
 }
 
 
@@ -153,14 +184,20 @@ def measured(name: str) -> list[Any]:
 
 def spread(values: Sequence[float], digits: str = ".3g", unit: str = "") -> str | None:
     """Median … largest; None of no values."""
-    return f"{np.median(values):{digits}} … {max(values):{digits}}{unit}" if values else None
+    return (
+        f"{np.median(values):{digits}} … {max(values):{digits}}{unit}"
+        if values
+        else None
+    )
 
 
 def gradient_seconds(setup: ec.Setup, changes: dict[str, Any]) -> float:
     """Median time of the criterion with its gradient, in one thread."""
     from threadpoolctl import threadpool_limits
 
-    problem = designed(task_of(setup, changed(setup.excitation, changes, setup.source))).problem
+    problem = designed(
+        task_of(setup, changed(setup.excitation, changes, setup.source))
+    ).problem
     x, times = problem.random(np.random.default_rng(0)), []
     with threadpool_limits(1):
         for _ in range(60):
@@ -176,7 +213,12 @@ def regressors(states: tuple[Any, Any, Any]) -> Any:
 
     model = pin.buildModelFromUrdf(str(ROBOTS / UR10))
     data = model.createData()
-    return np.vstack([pin.computeJointTorqueRegressor(model, data, *x) for x in zip(*states, strict=True)])
+    return np.vstack(
+        [
+            pin.computeJointTorqueRegressor(model, data, *x)
+            for x in zip(*states, strict=True)
+        ]
+    )
 
 
 def beside_figaroh(python: str | None) -> list[str]:
@@ -193,7 +235,13 @@ def beside_figaroh(python: str | None) -> list[str]:
     return [
         "UR10, 8 s, q within ±2.5, speeds of its URDF; from the model to the motion, median … largest over "
         f"{CASES['ur10'].seeds} seeds of Echelon; FIGAROH searched {SEARCHES} times.",
-        table(PEER, [our_row(searches), their_row(f"FIGAROH {figaroh}, IPOPT {ipopt}", searches)]),
+        table(
+            PEER,
+            [
+                our_row(searches),
+                their_row(f"FIGAROH {figaroh}, IPOPT {ipopt}", searches),
+            ],
+        ),
         "FIGAROH chooses its columns of Pinocchio's regressor by a QR with pivots of a random motion, which gives "
         f"other columns each time ({len(columns(searches))} different sets here): Echelon's motions are judged on all "
         "of them, FIGAROH's on those that it was made for. \"acceptable\" is IPOPT's looser tolerance; at the limit of "
@@ -209,41 +257,84 @@ def columns(searches: list[Search]) -> list[list[int]]:
 def our_row(searches: list[Search]) -> list[Any]:
     """Echelon's motions."""
     seconds, founds = zip(*runs("ur10"), strict=True)
-    stacked = [regressors(found.trajectory.states(np.arange(800) / 100)) for found in founds]
+    stacked = [
+        regressors(found.trajectory.states(np.arange(800) / 100)) for found in founds
+    ]
     return [
         f"Echelon {ec.__version__}",
         ended([found.starts[0].status for found in founds]),
         spread([found.starts[0].iterations for found in founds], ".0f"),
         spread(seconds, ".1f", " s"),
         spread([found.conditioning.condition for found in founds]),
-        spread([float(np.linalg.cond(W[:, choice])) for W in stacked for choice in columns(searches)]),
+        spread(
+            [
+                float(np.linalg.cond(W[:, choice]))
+                for W in stacked
+                for choice in columns(searches)
+            ]
+        ),
     ]
 
 
 def their_row(name: str, searches: list[Search]) -> list[Any]:
     """FIGAROH's motions, where there are any."""
     base = runs("ur10")[0][1].base
-    moved = [(search.states, list(search.columns)) for search in searches if search.states is not None]
+    moved = [
+        (search.states, list(search.columns))
+        for search in searches
+        if search.states is not None
+    ]
     return [
         name,
-        ended([search.status if search.states else f"{search.status}, no motion" for search in searches]),
+        ended(
+            [
+                search.status if search.states else f"{search.status}, no motion"
+                for search in searches
+            ]
+        ),
         spread([search.iterations for search in searches], ".0f"),
         spread([search.seconds for search in searches], ".1f", " s"),
-        spread([float(np.linalg.cond(base.regressor(*states).reshape(-1, base.rank))) for states, _ in moved]),
-        spread([float(np.linalg.cond(regressors(states)[:, choice])) for states, choice in moved]),
+        spread(
+            [
+                float(np.linalg.cond(base.regressor(*states).reshape(-1, base.rank)))
+                for states, _ in moved
+            ]
+        ),
+        spread(
+            [
+                float(np.linalg.cond(regressors(states)[:, choice]))
+                for states, choice in moved
+            ]
+        ),
     ]
 
 
 def ended(statuses: list[str]) -> str:
     """How often a search ended in which way."""
-    return ", ".join(f"{count} × {status}" for status, count in Counter(statuses).most_common())
+    return ", ".join(
+        f"{count} × {status}" for status, count in Counter(statuses).most_common()
+    )
 
 
 HEAD = [
-    *("robot", "coordinates / base parameters", "converged, safe", "time", "condition number", "with scaled columns"),
+    *(
+        "robot",
+        "coordinates / base parameters",
+        "converged, safe",
+        "time",
+        "condition number",
+        "with scaled columns",
+    ),
     "criterion with gradient",
 ]
-PEER = ["search", "ended", "iterations", "time", "condition number, Echelon's columns", "FIGAROH's columns"]
+PEER = [
+    "search",
+    "ended",
+    "iterations",
+    "time",
+    "condition number, Echelon's columns",
+    "FIGAROH's columns",
+]
 
 
 def page(rows: list[list[Any]], peer: list[str]) -> str:
@@ -265,9 +356,15 @@ def page(rows: list[list[Any]], peer: list[str]) -> str:
 
 def main() -> None:
     """Measure what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join([*CASES, FIGAROH]))
-    parser.add_argument("--figaroh", metavar="PYTHON", help="interpreter that has figaroh and cyipopt")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=", ".join([*CASES, FIGAROH])
+    )
+    parser.add_argument(
+        "--figaroh", metavar="PYTHON", help="interpreter that has figaroh and cyipopt"
+    )
     arguments = parser.parse_args()
     wanted = arguments.names or [*CASES, FIGAROH]
     if unknown := set(wanted) - {*CASES, FIGAROH}:

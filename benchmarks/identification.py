@@ -54,7 +54,11 @@ def write_log(path: Path, samples: int, seed: int) -> None:
             qd[:, joint] += size * w * np.cos(w * t + phase)
             qdd[:, joint] -= size * w**2 * np.sin(w * t + phase)
     y = base.predict(q, qd, qdd, np.random.default_rng(1).normal(size=base.rank))
-    signals = {"q_rad": (q, 1e-5), "v_rads": (qd, 1e-3), "tau_J_Nm": (y, 0.02 * np.abs(y).mean(axis=0))}
+    signals = {
+        "q_rad": (q, 1e-5),
+        "v_rads": (qd, 1e-3),
+        "tau_J_Nm": (y, 0.02 * np.abs(y).mean(axis=0)),
+    }
     columns = {"t_s": t}
     for name, (values, noise) in signals.items():
         noisy = values + noise * rng.standard_normal(values.shape)
@@ -68,10 +72,22 @@ def identified(log: str) -> None:
     for _ in range(2):
         setup, stages = panda(), []
         begin, processor = perf_counter(), process_time()
-        identify(setup, [log], on_step=lambda text, stages=stages: stages.append((text, perf_counter())))
+        identify(
+            setup,
+            [log],
+            on_step=lambda text, stages=stages: stages.append((text, perf_counter())),
+        )
         ends = [time for _, time in stages[1:]] + [perf_counter()]
-        seconds = {text: end - start for (text, start), end in zip(stages, ends, strict=True)}
-        found.append({"total": perf_counter() - begin, "processor": process_time() - processor, "stages": seconds})
+        seconds = {
+            text: end - start for (text, start), end in zip(stages, ends, strict=True)
+        }
+        found.append(
+            {
+                "total": perf_counter() - begin,
+                "processor": process_time() - processor,
+                "stages": seconds,
+            }
+        )
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(json.dumps({"first": found[0], "warm": found[1], "peak": peak}))
 
@@ -83,11 +99,24 @@ def one_log(folder: Path, samples: int, repeats: int) -> dict[str, float]:
     runs = []
     for _ in range(repeats):
         command = [sys.executable, __file__, "--identify", str(log)]
-        runs.append(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
-    print(f"{samples} samples, {JOINTS} joints, {log.stat().st_size / 1e6:.0f} MB of Parquet, {repeats} runs (medians)")
+        runs.append(
+            json.loads(
+                subprocess.run(
+                    command, check=True, capture_output=True, text=True
+                ).stdout
+            )
+        )
+    print(
+        f"{samples} samples, {JOINTS} joints, {log.stat().st_size / 1e6:.0f} MB of Parquet, {repeats} runs (medians)"
+    )
     for name in ("first", "warm"):
-        total, processor = (float(np.median([run[name][key] for run in runs])) for key in ("total", "processor"))
-        print(f"  {name + ' run of a process':<44}{total:8.2f} s, {processor:.2f} s of processor")
+        total, processor = (
+            float(np.median([run[name][key] for run in runs]))
+            for key in ("total", "processor")
+        )
+        print(
+            f"  {name + ' run of a process':<44}{total:8.2f} s, {processor:.2f} s of processor"
+        )
     for stage in runs[0]["warm"]["stages"]:
         seconds = float(np.median([run["warm"]["stages"][stage] for run in runs]))
         print(f"    {stage:<42}{seconds:8.2f} s")
@@ -114,8 +143,12 @@ def processes(folder: Path, logs: int, samples: int) -> None:
     for workers in (1, 2):
         with connect(str(workers)) as client:
             identify(panda(), paths[:workers], paths[:1], client=client)
-            times[workers] = seconds_of(lambda client=client: identify(panda(), paths, paths[:1], client=client))
-        print(f"  {workers} worker{'s' if workers > 1 else ' '}{'':<35}{times[workers]:8.2f} s")
+            times[workers] = seconds_of(
+                lambda client=client: identify(panda(), paths, paths[:1], client=client)
+            )
+        print(
+            f"  {workers} worker{'s' if workers > 1 else ' '}{'':<35}{times[workers]:8.2f} s"
+        )
     print(f"  {'speed-up':<44}{times[1] / times[2]:8.2f}")
 
 
@@ -129,7 +162,9 @@ def merging(folder: Path) -> tuple[float, float]:
     base = ec.base_parameters(setup.mechanism)
     plan = Plan(base, setup.columns, survey(setup, base, [log]).preparation)
     whole = PassesOverData(plan, [log]).observation
-    seconds = float(np.median([seconds_of(lambda: stacked(whole, whole)) for _ in range(200)]))
+    seconds = float(
+        np.median([seconds_of(lambda: stacked(whole, whole)) for _ in range(200)])
+    )
     size = sum(R.nbytes for R in whole.factors)
     print(
         f"{base.rank} base parameters: two sets of R-factors ({size / 1e3:.0f} kB) are merged in {1e3 * seconds:.2f} ms"
@@ -142,15 +177,21 @@ def fleet(cost: dict[str, float], merge: float, size: float) -> None:
     samples = ROBOTS * SECONDS_A_YEAR * RATE
     logs = ROBOTS * SECONDS_A_YEAR / 3600
     print(f"{ROBOTS} robots for a year at {RATE:g} Hz, a log an hour, by these figures")
-    print(f"  {samples:.3g} samples, {samples * cost['bytes'] / 1e15:.0f} PB of Parquet, {logs:.3g} logs")
+    print(
+        f"  {samples:.3g} samples, {samples * cost['bytes'] / 1e15:.0f} PB of Parquet, {logs:.3g} logs"
+    )
     print(f"  {samples * cost['processor'] / 3600:.3g} hours of one processor")
-    print(f"  merges: {logs * merge / 3600:.2g} hours of one processor, up to {logs * size / 1e12:.2g} TB to send")
+    print(
+        f"  merges: {logs * merge / 3600:.2g} hours of one processor, up to {logs * size / 1e12:.2g} TB to send"
+    )
     print(f"  depth of the tree of one batch: {int(np.ceil(np.log2(logs / 40)))}")
 
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Identification from logs: time, memory, processes.")
+    parser = argparse.ArgumentParser(
+        description="Identification from logs: time, memory, processes."
+    )
     parser.add_argument("--samples", type=int, default=1_000_000)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--identify", help=argparse.SUPPRESS)

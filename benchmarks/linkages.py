@@ -54,10 +54,16 @@ class Linkage:
 
 def chosen_linkages(quick: bool) -> list[Linkage]:
     """The linkages of a run."""
-    examples = [Linkage(Path(f).stem, ec.load(LOOPS / f)) for f in (_EXAMPLES[:1] if quick else _EXAMPLES)]
+    examples = [
+        Linkage(Path(f).stem, ec.load(LOOPS / f))
+        for f in (_EXAMPLES[:1] if quick else _EXAMPLES)
+    ]
     if quick:
         return examples
-    return examples + [Linkage(f"chain of {n}", four_bars(n), n <= _LONGEST_WITH_FORMS) for n in _CHAINS]
+    return examples + [
+        Linkage(f"chain of {n}", four_bars(n), n <= _LONGEST_WITH_FORMS)
+        for n in _CHAINS
+    ]
 
 
 def four_bars(count: int) -> Mechanism:
@@ -65,7 +71,11 @@ def four_bars(count: int) -> Mechanism:
     lengths, rows, loops = {"h0": 0.15}, ["{name: r0, joint: revolute}"], []
     pose = {"r0": 1.0}
     for k in range(1, count + 1):
-        lengths |= {f"g{k}": 0.4, f"c{k}": round(0.35 + 0.01 * k, 2), f"h{k}": round(0.3 + 0.01 * k, 2)}
+        lengths |= {
+            f"g{k}": 0.4,
+            f"c{k}": round(0.35 + 0.01 * k, 2),
+            f"h{k}": round(0.3 + 0.01 * k, 2),
+        }
         feet = " + ".join(f"g{i}" for i in range(1, k + 1))
         rows += [f"{{name: c{k}, joint: revolute, parent: r{k - 1}, a: h{k - 1}}}"]
         rows += [f"{{name: r{k}, joint: revolute, parent: base, a: {feet}}}"]
@@ -83,11 +93,15 @@ def rank_by_svd(mechanism: Mechanism, seed: int = 1) -> int:
     columns = len(mechanism.parameters)
     count = states_of(columns, len(mechanism.independent_velocities))
     rng = np.random.default_rng(seed)
-    stacked = evaluate_floats(form, mechanism, *Assembly(mechanism).random_closed_states(rng, count))
+    stacked = evaluate_floats(
+        form, mechanism, *Assembly(mechanism).random_closed_states(rng, count)
+    )
     return int(np.linalg.matrix_rank(stacked.reshape(-1, columns)))
 
 
-def measured(chosen: Iterable[Linkage], repeats: int, report: Callable[[str], None]) -> list[dict[str, Any]]:
+def measured(
+    chosen: Iterable[Linkage], repeats: int, report: Callable[[str], None]
+) -> list[dict[str, Any]]:
     """Every linkage, exactly and numerically; reading the file is left out."""
     rows = []
     for linkage in chosen:
@@ -108,7 +122,9 @@ def _row(linkage: Linkage, repeats: int) -> dict[str, Any]:
         "rank": results["structure"].rank,
         "rank_numeric_svd": results["numeric_svd"],
         "seconds": {name: t.as_dict() for name, t in times.items()},
-        "per_numeric_svd": {name: round(t.median / peer, 3) for name, t in times.items()},
+        "per_numeric_svd": {
+            name: round(t.median / peer, 3) for name, t in times.items()
+        },
     }
 
 
@@ -118,4 +134,8 @@ def _jobs(linkage: Linkage) -> dict[str, Job]:
         "structure": lambda: ec.base_structure(mechanism),
         "numeric_svd": lambda: rank_by_svd(mechanism),
     }
-    return jobs | {"closed_forms": lambda: ec.base_parameters(mechanism)} if linkage.forms else jobs
+    return (
+        jobs | {"closed_forms": lambda: ec.base_parameters(mechanism)}
+        if linkage.forms
+        else jobs
+    )

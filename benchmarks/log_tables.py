@@ -36,11 +36,20 @@ def overall(scores: Sequence[Any]) -> float:
     return float(np.sqrt(rows @ rms**2 / rows.sum()))
 
 
-def summary(name: str, unseen: str, scores: Sequence[Any], beside: str, *, unit: str = "") -> list[str]:
+def summary(
+    name: str, unseen: str, scores: Sequence[Any], beside: str, *, unit: str = ""
+) -> list[str]:
     """A row of the summary."""
     unit = unit or scores[0].unit
     rms, percent = figures(column(scores, "rms")), figures(column(scores, "percent"), 2)
-    return [name, unseen, percent, quality(column(scores, "r2")), f"{rms} {unit}", beside]
+    return [
+        name,
+        unseen,
+        percent,
+        quality(column(scores, "r2")),
+        f"{rms} {unit}",
+        beside,
+    ]
 
 
 def summary_tables(rows: Sequence[Sequence[str]]) -> list[str]:
@@ -54,20 +63,49 @@ def outputs_table(validations: Sequence[Any]) -> str:
     """Every output on fitted and on unseen data, with the prior model where there is one."""
     blocks = []
     prior = any(v.prior_scores for v in validations)
-    head = ["output", "data", "rms", "% of range", "R²", "bias", *(["rms of prior"] if prior else [])]
+    head = [
+        "output",
+        "data",
+        "rms",
+        "% of range",
+        "R²",
+        "bias",
+        *(["rms of prior"] if prior else []),
+    ]
     for k, score in enumerate(validations[0].scores):
         for v in validations:
             s = v.scores[k]
-            cells = [score.output, "fitted" if v.role == "identification" else f"unseen ({Path(v.source).stem})"]
+            cells = [
+                score.output,
+                "fitted"
+                if v.role == "identification"
+                else f"unseen ({Path(v.source).stem})",
+            ]
             bias = s.bias if abs(s.bias) > 1e-6 * s.rms else 0.0
-            cells += [f"{s.rms:.4g} {s.unit}", f"{s.percent:.2f}", f"{s.r2:.5f}", f"{bias:.2g}"]
-            blocks.append(cells + ([f"{v.prior_scores[k].rms:.4g}"] if v.prior_scores else [None] if prior else []))
+            cells += [
+                f"{s.rms:.4g} {s.unit}",
+                f"{s.percent:.2f}",
+                f"{s.r2:.5f}",
+                f"{bias:.2g}",
+            ]
+            blocks.append(
+                cells
+                + (
+                    [f"{v.prior_scores[k].rms:.4g}"]
+                    if v.prior_scores
+                    else [None]
+                    if prior
+                    else []
+                )
+            )
     return table(head, blocks)
 
 
 def values(result: ec.Identification) -> dict[str, float]:
     """Estimated base parameters by the names of their representatives."""
-    return dict(zip(result.estimate.parameters, result.estimate.values.tolist(), strict=True))
+    return dict(
+        zip(result.estimate.parameters, result.estimate.values.tolist(), strict=True)
+    )
 
 
 def interval(result: ec.Identification, name: str) -> str:

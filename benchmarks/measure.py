@@ -22,7 +22,9 @@ from echelon.regressor.linear_forms import virtual_power_form
 from robots import Robot, binary_tree, chain, serial_model
 from timing import Times, interleaved
 
-_HELP = "import sys; sys.argv = ['echelon', '--help']; from echelon.cli import main; main()"
+_HELP = (
+    "import sys; sys.argv = ['echelon', '--help']; from echelon.cli import main; main()"
+)
 _PROGRAMS = {
     "python, nothing imported": "pass",
     "import echelon": "import echelon",
@@ -38,15 +40,25 @@ Report = Callable[[str], None]
 def start_up(repeats: int, report: Report) -> dict[str, Times]:
     """Whole processes, interpreter included; bytecode is kept between them, as where a package is installed."""
     report("start-up")
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name != "PYTHONDONTWRITEBYTECODE"
+    }
 
     def process(program: str) -> Callable[[], Any]:
-        return lambda: subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, env=kept)
+        return lambda: subprocess.run(
+            [sys.executable, "-c", program], check=True, capture_output=True, env=kept
+        )
 
-    return interleaved({name: process(program) for name, program in _PROGRAMS.items()}, repeats)[0]
+    return interleaved(
+        {name: process(program) for name, program in _PROGRAMS.items()}, repeats
+    )[0]
 
 
-def robots(chosen: Iterable[Robot], repeats: int, report: Report) -> list[dict[str, Any]]:
+def robots(
+    chosen: Iterable[Robot], repeats: int, report: Report
+) -> list[dict[str, Any]]:
     """Every robot, exactly and numerically; reading the file is left out on both sides."""
     rows = []
     for robot in chosen:
@@ -74,8 +86,12 @@ def robots(chosen: Iterable[Robot], repeats: int, report: Report) -> list[dict[s
                 "rank_numeric_qr": results["numeric_qr"],
                 "rank_numeric_svd": results["numeric_svd"],
                 "seconds": {name: t.as_dict() for name, t in times.items()},
-                "structure_per_numeric_svd": round(times["structure"].median / times["numeric_svd"].median, 3),
-                "closed_forms_per_numeric_svd": round(times["closed_forms"].median / times["numeric_svd"].median, 3),
+                "structure_per_numeric_svd": round(
+                    times["structure"].median / times["numeric_svd"].median, 3
+                ),
+                "closed_forms_per_numeric_svd": round(
+                    times["closed_forms"].median / times["numeric_svd"].median, 3
+                ),
             }
         )
     return rows
@@ -84,10 +100,19 @@ def robots(chosen: Iterable[Robot], repeats: int, report: Report) -> list[dict[s
 def classical_matrix(mechanism: Mechanism, structure: Structure) -> BaseMatrix:
     """B in closed form for the classical order, from the base to the tip."""
     order = tuple(range(structure.parameters))
-    return base_matrix(mechanism, structure, order, np.random.default_rng(DEFAULT_SEED), 1.0, lambda _: None)
+    return base_matrix(
+        mechanism,
+        structure,
+        order,
+        np.random.default_rng(DEFAULT_SEED),
+        1.0,
+        lambda _: None,
+    )
 
 
-def chains(lengths: Iterable[int], repeats: int, report: Report) -> list[dict[str, Any]]:
+def chains(
+    lengths: Iterable[int], repeats: int, report: Report
+) -> list[dict[str, Any]]:
     """Serial chains; the three parts of a derivation are timed apart."""
     rows = []
     for joints in lengths:
@@ -98,9 +123,13 @@ def chains(lengths: Iterable[int], repeats: int, report: Report) -> list[dict[st
         matrix = classical_matrix(mechanism, structure)
         times, results = interleaved(
             {
-                "structure": lambda m=mechanism: find_structure(m, np.random.default_rng(DEFAULT_SEED)),
+                "structure": lambda m=mechanism: find_structure(
+                    m, np.random.default_rng(DEFAULT_SEED)
+                ),
                 "closed_forms": lambda m=mechanism, s=structure: classical_matrix(m, s),
-                "certificate": lambda m=mechanism, b=matrix: certify(virtual_power_form(m), b, DEFAULT_SEED),
+                "certificate": lambda m=mechanism, b=matrix: certify(
+                    virtual_power_form(m), b, DEFAULT_SEED
+                ),
                 "numeric_svd": lambda m=model: numeric.rank_by_svd(m),
             },
             repeats,
@@ -123,10 +152,22 @@ def large(repeats: int, report: Report) -> list[dict[str, Any]]:
     rows = []
     for mechanism in (chain(500), binary_tree(255)):
         report(mechanism.name)
-        times, results = interleaved({"derive": lambda m=mechanism: ec.base_parameters(m)}, repeats)
+        times, results = interleaved(
+            {"derive": lambda m=mechanism: ec.base_parameters(m)}, repeats
+        )
         base = results["derive"]
-        counted = {"bodies": len(mechanism.bodies), "symbols": len(mechanism.symbols), "rank": base.rank}
-        rows.append({"mechanism": mechanism.name, **counted, "seconds": times["derive"].as_dict()})
+        counted = {
+            "bodies": len(mechanism.bodies),
+            "symbols": len(mechanism.symbols),
+            "rank": base.rank,
+        }
+        rows.append(
+            {
+                "mechanism": mechanism.name,
+                **counted,
+                "seconds": times["derive"].as_dict(),
+            }
+        )
     return rows
 
 
@@ -137,6 +178,8 @@ def exponents(rows: list[dict[str, Any]]) -> dict[str, float | None]:
     for part in ("structure", "closed_forms", "certificate", "numeric_svd"):
         seconds = [row["seconds"][part]["median"] for row in long]
         joints = [row["joints"] for row in long]
-        slope = np.polyfit(np.log(joints), np.log(seconds), 1)[0] if len(long) > 1 else None
+        slope = (
+            np.polyfit(np.log(joints), np.log(seconds), 1)[0] if len(long) > 1 else None
+        )
         fitted[part] = None if slope is None else round(float(slope), 2)
     return fitted

@@ -49,5 +49,7 @@ def rank_by_qr(model: Any) -> int | None:
         from scipy.linalg import qr
     except ImportError:
         return None
-    diagonal = np.abs(np.diag(qr(observation_matrix(model), mode="r", pivoting=True)[0]))
+    diagonal = np.abs(
+        np.diag(qr(observation_matrix(model), mode="r", pivoting=True)[0])
+    )
     return int(np.count_nonzero(diagonal > QR_TOLERANCE * diagonal[0]))

@@ -20,7 +20,9 @@ from echelon.identification.physics.fit import physical_fit
 from echelon.identification.physics.prior_information import reference
 from echelon.observe.observation import Observation
 
-ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+ROBOTS = (
+    Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+)
 SAMPLES, STRETCHES, NOISE = 4000, 4, 0.05
 
 
@@ -33,18 +35,25 @@ def states(base: BaseModel, rng: np.random.Generator) -> dict[str, np.ndarray]:
         if len(motion.positions) == 4:
             columns = [places[name] for name in motion.positions]
             q[:, columns] /= np.linalg.norm(q[:, columns], axis=1, keepdims=True)
-    qd, qdd = (rng.uniform(-3, 3, (SAMPLES, len(mechanism.velocities))) for _ in range(2))
+    qd, qdd = (
+        rng.uniform(-3, 3, (SAMPLES, len(mechanism.velocities))) for _ in range(2)
+    )
     return {"q": q, "qd": qd, "qdd": qdd}
 
 
-def measured(base: BaseModel, truth: np.ndarray, rng: np.random.Generator) -> tuple[list[Observation], np.ndarray]:
+def measured(
+    base: BaseModel, truth: np.ndarray, rng: np.random.Generator
+) -> tuple[list[Observation], np.ndarray]:
     """Observations of stretches of a log with noise, and the weights of the outputs."""
     log = states(base, rng)
     y = base.predict(log["q"], log["qd"], log["qdd"], truth)
     sigma = NOISE * np.maximum(np.abs(y).mean(axis=0), 1e-3)
     log["y"] = y + sigma * rng.standard_normal(y.shape)
     cuts = np.array_split(np.arange(SAMPLES), STRETCHES)
-    return [base.accumulate({name: values[cut] for name, values in log.items()}) for cut in cuts], 1 / sigma
+    return [
+        base.accumulate({name: values[cut] for name, values in log.items()})
+        for cut in cuts
+    ], 1 / sigma
 
 
 def timed(text: str, call: Callable[[], object]) -> object:
@@ -59,33 +68,70 @@ def run(name: str, base: BaseModel, stated: np.ndarray) -> None:
     """All times of one robot."""
     rng = np.random.default_rng(2015)
     prior = reference(roles(base.mechanism), stated)
-    print(f"{name}: {len(prior.bodies)} bodies, {base.rank} of {len(base.parameters)} parameters")
+    print(
+        f"{name}: {len(prior.bodies)} bodies, {base.rank} of {len(base.parameters)} parameters"
+    )
     truth = stated.copy()
     for start, body in zip(roles(base.mechanism).starts, prior.bodies, strict=True):
         truth[start : start + 10] = body * rng.uniform(0.7, 1.4)
     truth = np.nan_to_num(truth, nan=0.1)
-    pieces, weights = timed("simulated log, observation matrices", lambda: measured(base, base.values(truth), rng))
+    pieces, weights = timed(
+        "simulated log, observation matrices",
+        lambda: measured(base, base.values(truth), rng),
+    )
     whole = sum(pieces[1:], pieces[0]).combined(weights)
     timed("fit without a prior", lambda: physical_fit(base, whole))
-    timed("fit with a prior", lambda: physical_fit(base, whole, prior=stated, prior_weight=1.0))
+    timed(
+        "fit with a prior",
+        lambda: physical_fit(base, whole, prior=stated, prior_weight=1.0),
+    )
     fit = timed(
         f"fit, weight of the prior from {STRETCHES} stretches",
-        lambda: physical_fit(base, whole, prior=stated, prior_weight="auto", pieces=pieces, weights=weights),
+        lambda: physical_fit(
+            base,
+            whole,
+            prior=stated,
+            prior_weight="auto",
+            pieces=pieces,
+            weights=weights,
+        ),
     )
-    print(f"    weight {fit.prior_weight:g}, misfit {fit.misfit - fit.least_misfit:.1f} above the least one")
+    print(
+        f"    weight {fit.prior_weight:g}, misfit {fit.misfit - fit.least_misfit:.1f} above the least one"
+    )
     timed("lift to standard parameters", lambda: physical_lift(base, fit.base))
-    print("    " + timed("a robot has these values", lambda: feasibility(base, fit.base)).evidence)
+    print(
+        "    "
+        + timed(
+            "a robot has these values", lambda: feasibility(base, fit.base)
+        ).evidence
+    )
     wrong = fit.base.copy()
-    wrong[next(k for k, p in enumerate(base.matrix.pivots) if base.mechanism.columns[p].kind == 5)] *= -2
-    print("    " + timed("no robot has other values", lambda: feasibility(base, wrong)).evidence)
+    wrong[
+        next(
+            k
+            for k, p in enumerate(base.matrix.pivots)
+            if base.mechanism.columns[p].kind == 5
+        )
+    ] *= -2
+    print(
+        "    "
+        + timed("no robot has other values", lambda: feasibility(base, wrong)).evidence
+    )
 
 
 def main() -> None:
     """An arm of seven joints and a humanoid of 29."""
     panda = ec.base_parameters(ec.load(ROBOTS / "panda_description/urdf/panda.urdf"))
     run("panda with fingers", panda, panda.standard_values())
-    humanoid = ec.base_parameters(ec.load(ROBOTS / "g1_description/urdf/g1_29dof_rev_1_0.urdf", floating=True))
-    run("g1, 29 joints, floating", humanoid, np.array(humanoid.mechanism.standard_values(), dtype=float))
+    humanoid = ec.base_parameters(
+        ec.load(ROBOTS / "g1_description/urdf/g1_29dof_rev_1_0.urdf", floating=True)
+    )
+    run(
+        "g1, 29 joints, floating",
+        humanoid,
+        np.array(humanoid.mechanism.standard_values(), dtype=float),
+    )
 
 
 if __name__ == "__main__":

@@ -116,16 +116,28 @@ def truth(name: str) -> np.ndarray:
     base, rng, standard = model(name), np.random.default_rng(1), []
     for _ in base.mechanism.bodies:
         mass, centre = rng.uniform(2, 4), rng.uniform(-0.15, 0.15, 3)
-        inertia = mass * (0.02 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
+        inertia = mass * (
+            0.02 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre)
+        )
         standard += [*inertia[np.triu_indices(3)], *(mass * centre), mass]
-    standard += [rng.uniform(0.3, 1.0) for _ in range(len(base.mechanism.parameters) - len(standard))]
+    standard += [
+        rng.uniform(0.3, 1.0)
+        for _ in range(len(base.mechanism.parameters) - len(standard))
+    ]
     return base.values(standard)
 
 
-def motion(base: ec.BaseModel, fundamental: float, t: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
+def motion(
+    base: ec.BaseModel, fundamental: float, t: np.ndarray, rng: np.random.Generator
+) -> list[np.ndarray]:
     """Positions, velocities and accelerations: five waves each that never repeat; a base turns to all sides."""
     count = len(base.mechanism.velocities)
-    w = 2 * np.pi * fundamental * (np.arange(1, 6)[:, None] + rng.uniform(-0.4, 0.4, (5, count)))
+    w = (
+        2
+        * np.pi
+        * fundamental
+        * (np.arange(1, 6)[:, None] + rng.uniform(-0.4, 0.4, (5, count)))
+    )
     sizes, phases = (
         rng.uniform(0.15, 0.45, (5, count)) / np.arange(1, 6)[:, None] ** 0.5,
         rng.uniform(0, 6.3, (5, count)),
@@ -137,7 +149,9 @@ def motion(base: ec.BaseModel, fundamental: float, t: np.ndarray, rng: np.random
     return [*turned(q, qd, qdd)]
 
 
-def turned(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def turned(
+    q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A floating base whose three angles about x, y and z are the coordinates 3 to 5: a quaternion and its rates."""
     from echelon.signals.filters import body_rates
 
@@ -180,8 +194,15 @@ def log(condition: Condition, seed: int) -> Segment:
     t = np.arange(int(seconds * condition.rate)) / condition.rate
     q, qd, qdd = motion(base, fundamental, t, rng)
     y = base.predict(q, qd, qdd, truth(condition.robot))
-    y = y + NOISE * y.std(axis=0) * rng.standard_normal(y.shape) * np.sqrt(condition.rate / 100)
-    return Segment("planted", 0.0, condition.rate, {"q": np.round(q / condition.step) * condition.step, "y": y})
+    y = y + NOISE * y.std(axis=0) * rng.standard_normal(y.shape) * np.sqrt(
+        condition.rate / 100
+    )
+    return Segment(
+        "planted",
+        0.0,
+        condition.rate,
+        {"q": np.round(q / condition.step) * condition.step, "y": y},
+    )
 
 
 def estimated(condition: Condition, seed: int):
@@ -206,7 +227,11 @@ def judged(condition: Condition, seeds: int) -> list[str]:
         inside.append((low <= real) & (real <= high))
         bands.append(made.band)
         told.append(noisy is not None)
-    biases, hits, told = np.abs(np.mean(errors, axis=0)), np.array(inside), np.array(told)
+    biases, hits, told = (
+        np.abs(np.mean(errors, axis=0)),
+        np.array(inside),
+        np.array(told),
+    )
     silent = f"{hits[~told].mean():.3f}" if not told.all() else ""
     return [
         str(condition), f"{np.median(bands):.3g}", f"{np.median(biases):.2f}", f"{biases.max():.2f}",
@@ -217,7 +242,16 @@ def judged(condition: Condition, seeds: int) -> list[str]:
 def page(rows: list[list[str]], seeds: int) -> str:
     """The table, and what chance alone would bring."""
     low, high = binom.interval(0.99, seeds, 0.95)
-    head = ["condition", "band, Hz", "bias", "largest", "coverage", "least", "warned", "coverage, not warned"]
+    head = [
+        "condition",
+        "band, Hz",
+        "bias",
+        "largest",
+        "coverage",
+        "least",
+        "warned",
+        "coverage, not warned",
+    ]
     text = (
         f"Intervals of 95 % from {seeds} logs per condition.  "
         "`coverage` is the share of intervals that hold the truth, over all base parameters, and `least` that of the "
@@ -232,7 +266,9 @@ def page(rows: list[list[str]], seeds: int) -> str:
 
 def main() -> None:
     """Print a line per condition; write the page where all were judged."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--only", default="")
     options = parser.parse_args()

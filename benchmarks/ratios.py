@@ -26,13 +26,17 @@ class Spread:
         return cls(min(values), median(values), max(values))
 
     def scaled(self, factor: float) -> Spread:
-        return Spread(self.minimum * factor, self.median * factor, self.maximum * factor)
+        return Spread(
+            self.minimum * factor, self.median * factor, self.maximum * factor
+        )
 
     def as_dict(self) -> dict[str, float]:
         return {name: float(f"{value:.6g}") for name, value in asdict(self).items()}
 
     def __str__(self) -> str:
-        return " / ".join(short(value) for value in (self.minimum, self.median, self.maximum))
+        return " / ".join(
+            short(value) for value in (self.minimum, self.median, self.maximum)
+        )
 
 
 def short(value: float) -> str:
@@ -81,7 +85,14 @@ class Rounds:
 
     def ratio(self, slower: str, faster: str) -> Spread:
         """How many times faster one job is per sample than another of the same round."""
-        return Spread.of([a / b for a, b in zip(self._per_sample(slower), self._per_sample(faster), strict=True)])
+        return Spread.of(
+            [
+                a / b
+                for a, b in zip(
+                    self._per_sample(slower), self._per_sample(faster), strict=True
+                )
+            ]
+        )
 
     def _per_sample(self, name: str) -> list[float]:
         return [s / self.counts[name] for s in self.seconds[name]]

@@ -14,7 +14,15 @@ from tabular import table
 from targets import from_dict
 from timing import Times
 
-_PACKAGES = ("numpy", "scipy", "python-flint", "sympy", "llvmlite", "pin", "example-robot-data")
+_PACKAGES = (
+    "numpy",
+    "scipy",
+    "python-flint",
+    "sympy",
+    "llvmlite",
+    "pin",
+    "example-robot-data",
+)
 _PARTS = {
     "structure": "structure",
     "closed_forms": "closed forms",
@@ -40,7 +48,11 @@ def environment(repeats: int) -> dict[str, Any]:
             "cores": os.cpu_count(),
             "system": f"{platform.system()} {platform.machine()}",
         },
-        "versions": {"python": platform.python_version(), "echelon": _echelon(), **_versions()},
+        "versions": {
+            "python": platform.python_version(),
+            "echelon": _echelon(),
+            **_versions(),
+        },
         "repeats": repeats,
     }
 
@@ -66,7 +78,9 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor() or "unknown"
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    names = [
+        line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")
+    ]
     return names[0] if names else platform.processor() or "unknown"
 
 
@@ -76,7 +90,10 @@ def _processor() -> str:
 def to_markdown(results: dict[str, Any]) -> str:
     """All tables of the sections that were run."""
     machine = results.get("machine", {})
-    blocks = [_heading(results["environment"]), _targets(results.get("targets", []) + machine.get("targets", []))]
+    blocks = [
+        _heading(results["environment"]),
+        _targets(results.get("targets", []) + machine.get("targets", [])),
+    ]
     if "robots" in results:
         blocks += [_start_up(results["start_up"]), _robots(results["robots"])]
         blocks += [_linkages(results["linkages"]), _chains(results)]
@@ -99,15 +116,26 @@ def _heading(facts: dict[str, Any]) -> str:
 
 
 def _targets(targets: list[dict[str, Any]]) -> str:
-    return "## Targets\n\n" + table(["target", "median", "limit", ""], [from_dict(t).cells() for t in targets])
+    return "## Targets\n\n" + table(
+        ["target", "median", "limit", ""], [from_dict(t).cells() for t in targets]
+    )
 
 
 def _start_up(times: dict[str, dict[str, float]]) -> str:
-    return "## Start-up, a fresh process\n\n" + table(["process", "time"], [[k, Times(**t)] for k, t in times.items()])
+    return "## Start-up, a fresh process\n\n" + table(
+        ["process", "time"], [[k, Times(**t)] for k, t in times.items()]
+    )
 
 
 def _robots(rows: list[dict[str, Any]]) -> str:
-    head = ["robot", "bodies", "symbols", "closed forms and certificate", "structure only", "Pinocchio + QR"]
+    head = [
+        "robot",
+        "bodies",
+        "symbols",
+        "closed forms and certificate",
+        "structure only",
+        "Pinocchio + QR",
+    ]
     head += ["Pinocchio + SVD", "closed forms : SVD", "structure : SVD"]
     cells = [
         [
@@ -116,7 +144,9 @@ def _robots(rows: list[dict[str, Any]]) -> str:
             r["symbols"],
             Times(**r["seconds"]["closed_forms"]),
             Times(**r["seconds"]["structure"]),
-            None if r["rank_numeric_qr"] is None else Times(**r["seconds"]["numeric_qr"]),
+            None
+            if r["rank_numeric_qr"] is None
+            else Times(**r["seconds"]["numeric_qr"]),
             Times(**r["seconds"]["numeric_svd"]),
             f"{r['closed_forms_per_numeric_svd']:.2g}",
             f"{r['structure_per_numeric_svd']:.2g}",
@@ -134,7 +164,14 @@ def _robots(rows: list[dict[str, Any]]) -> str:
         ]
         for r in rows
     ]
-    names = ["robot", "standard parameters", "exact rank, intended", "exact rank, literal", "QR rank", "SVD rank"]
+    names = [
+        "robot",
+        "standard parameters",
+        "exact rank, intended",
+        "exact rank, literal",
+        "QR rank",
+        "SVD rank",
+    ]
     return (
         "## Robots\n\nFrom a robot in memory: Echelon's base parameters in closed form with their certificate, or the "
         "structure alone;\nbeside it a rank by floating point: Pinocchio's joint torque regressor stacked at random "
@@ -146,8 +183,20 @@ def _robots(rows: list[dict[str, Any]]) -> str:
 
 
 def _linkages(rows: list[dict[str, Any]]) -> str:
-    head = ["linkage", "bodies", "standard parameters", "exact rank", "SVD rank", "closed forms and certificate"]
-    head += ["structure only", "closed states + SVD", "closed forms : SVD", "structure : SVD"]
+    head = [
+        "linkage",
+        "bodies",
+        "standard parameters",
+        "exact rank",
+        "SVD rank",
+        "closed forms and certificate",
+    ]
+    head += [
+        "structure only",
+        "closed states + SVD",
+        "closed forms : SVD",
+        "structure : SVD",
+    ]
     return f"## Linkages\n\n{_ABOUT_LINKAGES}\n\n{table(head, [_linkage(row) for row in rows])}"
 
 
@@ -180,9 +229,15 @@ def _chains(results: dict[str, Any]) -> str:
         for r in results["chains"]
     ]
     fitted = results["chain_exponents"]
-    powers = ", ".join(f"{name} {fitted[part]}" for part, name in _PARTS.items() if fitted[part] is not None)
+    powers = ", ".join(
+        f"{name} {fitted[part]}"
+        for part, name in _PARTS.items()
+        if fitted[part] is not None
+    )
     note = (
-        f"\n\nExponents of the growth with the number of joints, fitted from 10 joints on: {powers}." if powers else ""
+        f"\n\nExponents of the growth with the number of joints, fitted from 10 joints on: {powers}."
+        if powers
+        else ""
     )
     return "## Serial chains with symbolic lengths\n\n" + table(head, cells) + note
 
@@ -192,7 +247,9 @@ def _chains(results: dict[str, Any]) -> str:
 
 def _large(rows: list[dict[str, Any]]) -> str:
     head = ["mechanism", "symbols", "rank", "closed forms and certificate"]
-    cells = [[r["mechanism"], r["symbols"], r["rank"], Times(**r["seconds"])] for r in rows]
+    cells = [
+        [r["mechanism"], r["symbols"], r["rank"], Times(**r["seconds"])] for r in rows
+    ]
     return "## Large mechanisms\n\n" + table(head, cells)
 
 
@@ -210,9 +267,18 @@ def plot_chains(results: dict[str, Any], path: Path) -> None:
         times = [row["seconds"][part] for row in rows]
         style = "k:" if part == "numeric_svd" else "-"
         power = "" if fitted[part] is None else f", joints^{fitted[part]}"
-        (line,) = axes.plot(joints, [t["median"] for t in times], style, marker="o", markersize=4, label=name + power)
+        (line,) = axes.plot(
+            joints,
+            [t["median"] for t in times],
+            style,
+            marker="o",
+            markersize=4,
+            label=name + power,
+        )
         low, high = [t["minimum"] for t in times], [t["maximum"] for t in times]
-        axes.fill_between(joints, low, high, color=line.get_color(), alpha=0.15, linewidth=0)
+        axes.fill_between(
+            joints, low, high, color=line.get_color(), alpha=0.15, linewidth=0
+        )
     axes.set(xscale="log", yscale="log", xlabel="revolute joints", ylabel="seconds")
     axes.set_title("Serial chains with symbolic lengths")
     axes.set_xticks(joints, [str(n) for n in joints])

@@ -14,11 +14,29 @@ import numpy as np
 import echelon as ec
 from echelon.exact.expressions import parse, parse_angle
 from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.mechanism.joint import GROUND, Body, Joint, Motion, Placement, Symbol, merge, rotation, shift, turn
+from echelon.mechanism.joint import (
+    GROUND,
+    Body,
+    Joint,
+    Motion,
+    Placement,
+    Symbol,
+    merge,
+    rotation,
+    shift,
+    turn,
+)
 from echelon.mechanism.mechanism import Mechanism
 
 PANDA_FILE = Path(__file__).parents[1] / "examples" / "panda.yaml"
-_PANDA = {"d1": "0.333", "d3": "0.316", "d5": "0.384", "a4": "0.0825", "a5": "-0.0825", "a7": "0.088"}
+_PANDA = {
+    "d1": "0.333",
+    "d3": "0.316",
+    "d5": "0.384",
+    "a4": "0.0825",
+    "a5": "-0.0825",
+    "a7": "0.088",
+}
 _PANDA_ROWS = (
     ("0", "0", "d1"),
     ("-pi/2", "0", "0"),
@@ -53,7 +71,11 @@ def panda() -> Robot:
     """The arm of the example file, or, where that is absent, the same table with six symbolic lengths."""
 
     def exact() -> Mechanism:
-        return ec.load(PANDA_FILE) if PANDA_FILE.exists() else modified_dh("panda", _PANDA_ROWS, _PANDA)
+        return (
+            ec.load(PANDA_FILE)
+            if PANDA_FILE.exists()
+            else modified_dh("panda", _PANDA_ROWS, _PANDA)
+        )
 
     return Robot("panda", "arm, fixed base", exact, lambda: serial_model(exact()))
 
@@ -64,19 +86,30 @@ def chain(joints: int) -> Mechanism:
     rows, values = [("0", "0", "0")], {}
     for i in range(2, joints + 1):
         rows.append(("-pi/2" if i % 2 else "pi/2", f"a{i}", f"d{i}"))
-        values |= {f"a{i}": f"0.{random.randint(100, 399)}", f"d{i}": f"0.{random.randint(100, 399)}"}
+        values |= {
+            f"a{i}": f"0.{random.randint(100, 399)}",
+            f"d{i}": f"0.{random.randint(100, 399)}",
+        }
     return modified_dh(f"chain of {joints}", rows, values)
 
 
 def binary_tree(bodies: int) -> Mechanism:
     """Every body carries two others on revolute joints, each placed by two symbolic offsets."""
     random = Random(bodies)
-    values = {f"{s}{i}": f"0.{random.randint(100, 399)}" for i in range(2, bodies + 1) for s in "ad"}
+    values = {
+        f"{s}{i}": f"0.{random.randint(100, 399)}"
+        for i in range(2, bodies + 1)
+        for s in "ad"
+    }
     tree = []
     for i in range(1, bodies + 1):
         offsets = shift(parse(f"a{i}"), parse(f"d{i}"), 0) if i > 1 else shift(0, 0, 0)
         steps = (offsets, turn(i % 2, parse_angle("pi/2")), rotation(f"q{i}"))
-        tree.append(Body(f"link{i}", str(i), i // 2 - 1, Joint(f"q{i}", "revolute", merge(steps))))
+        tree.append(
+            Body(
+                f"link{i}", str(i), i // 2 - 1, Joint(f"q{i}", "revolute", merge(steps))
+            )
+        )
     symbols = {s: Symbol(s, float(text), text) for s, text in values.items()}
     gravity = (parse("0"), parse("0"), parse("-9.81"))
     return Mechanism(f"binary tree of {bodies}", tuple(tree), gravity, symbols=symbols)
@@ -86,11 +119,18 @@ def modified_dh(name: str, rows: Any, values: dict[str, str]) -> Mechanism:
     """A serial arm from rows (alpha, a, d) of a modified DH table (Khalil–Kleinfinger, Craig)."""
     bodies = []
     for i, (alpha, a, d) in enumerate(rows):
-        steps = (shift(parse(a), 0, 0), turn(0, parse_angle(alpha)), shift(0, 0, parse(d)), rotation(f"q{i + 1}"))
+        steps = (
+            shift(parse(a), 0, 0),
+            turn(0, parse_angle(alpha)),
+            shift(0, 0, parse(d)),
+            rotation(f"q{i + 1}"),
+        )
         joint = Joint(f"q{i + 1}", "revolute", merge(steps))
         bodies.append(Body(f"link{i + 1}", str(i + 1), i - 1 if i else GROUND, joint))
     symbols = {s: Symbol(s, float(text), text) for s, text in values.items()}
-    return Mechanism(name, tuple(bodies), (parse("0"), parse("0"), parse("-9.81")), symbols=symbols)
+    return Mechanism(
+        name, tuple(bodies), (parse("0"), parse("0"), parse("-9.81")), symbols=symbols
+    )
 
 
 def published(name: str, file: str, *, floating: bool) -> Robot:
@@ -118,14 +158,18 @@ def find_urdf(file: str) -> Path:
         root = Path(packages) / "cmeel.prefix" / "share" / "example-robot-data"
         for path in sorted(root.rglob(file)):
             return path
-    raise SystemExit(f"{file} not found: pip install 'echelon-robotics[bench]' brings the package example-robot-data")
+    raise SystemExit(
+        f"{file} not found: pip install 'echelon-robotics[bench]' brings the package example-robot-data"
+    )
 
 
 def serial_model(mechanism: Mechanism) -> Any:
     """A mechanism of revolute joints about z as a Pinocchio model, with the symbols' values."""
     import pinocchio as pin
 
-    values = {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
+    values = {
+        name: s.value for name, s in mechanism.symbols.items() if s.value is not None
+    }
 
     def number(entry: Polynomial) -> float:
         return entry.evaluate(float_generators(entry.generators(), values), float)
@@ -137,9 +181,13 @@ def serial_model(mechanism: Mechanism) -> Any:
         for step in body.joint.steps:
             if isinstance(step, Placement):
                 rows = np.array([[number(e) for e in row] for row in step.rotation])
-                place = place * pin.SE3(rows, np.array([number(e) for e in step.translation]))
+                place = place * pin.SE3(
+                    rows, np.array([number(e) for e in step.translation])
+                )
             elif isinstance(step, Motion):
-                index[i] = model.addJoint(index[body.parent], pin.JointModelRZ(), place, body.joint.name)
+                index[i] = model.addJoint(
+                    index[body.parent], pin.JointModelRZ(), place, body.joint.name
+                )
                 place = pin.SE3.Identity()
         model.appendBodyToJoint(index[i], pin.Inertia.Random(), pin.SE3.Identity())
     return model

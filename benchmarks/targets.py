@@ -37,14 +37,28 @@ class Target:
         return self.median >= self.limit if self.at_least else self.median <= self.limit
 
     def as_dict(self) -> dict[str, Any]:
-        common = {"target": self.target, "median": self.median, "limit": self.limit, "passed": self.passed}
-        return common if self.unit == "s" else common | {"unit": self.unit, "at_least": self.at_least}
+        common = {
+            "target": self.target,
+            "median": self.median,
+            "limit": self.limit,
+            "passed": self.passed,
+        }
+        return (
+            common
+            if self.unit == "s"
+            else common | {"unit": self.unit, "at_least": self.at_least}
+        )
 
     def cells(self) -> list[str]:
         """A row of the table."""
         sign = "≥" if self.at_least else "≤"
         verdict = "pass" if self.passed else "**FAIL**"
-        return [self.target, self._text(self.median), f"{sign} {self._text(self.limit)}", verdict]
+        return [
+            self.target,
+            self._text(self.median),
+            f"{sign} {self._text(self.limit)}",
+            verdict,
+        ]
 
     def _text(self, value: float) -> str:
         if self.unit == "s":

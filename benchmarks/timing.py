@@ -32,7 +32,9 @@ def seconds_text(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1 else f"{1000 * seconds:.3g} ms"
 
 
-def interleaved(jobs: Mapping[str, Callable[[], Any]], repeats: int) -> tuple[dict[str, Times], dict[str, Any]]:
+def interleaved(
+    jobs: Mapping[str, Callable[[], Any]], repeats: int
+) -> tuple[dict[str, Times], dict[str, Any]]:
     """Run all jobs in turn, again and again, so that a slow spell of the machine hits all of them alike.
 
     Short jobs are repeated more often, up to :data:`MORE` times.  A first round is not counted.
@@ -43,7 +45,9 @@ def interleaved(jobs: Mapping[str, Callable[[], Any]], repeats: int) -> tuple[di
     results = {name: job() for name, job in jobs.items()}
     begin = perf_counter()
     rounds = 0
-    while rounds < repeats or (rounds < MORE * repeats and perf_counter() - begin < SHORT * repeats):
+    while rounds < repeats or (
+        rounds < MORE * repeats and perf_counter() - begin < SHORT * repeats
+    ):
         for name, job in jobs.items():
             gc.collect()
             start = perf_counter()

@@ -81,10 +81,20 @@ class Run:
     judged: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        outcome = "-" if self.named is None else "FIRST" if self.first else "named" if self.named else "MISSED"
+        outcome = (
+            "-"
+            if self.named is None
+            else "FIRST"
+            if self.first
+            else "named"
+            if self.named
+            else "MISSED"
+        )
         coverage = f"{self.covered}/{self.parameters}" if self.parameters else "-"
         head = f"{self.trap:<11} {self.robot:<6} {self.seed:>2} {outcome:<6} wrong {self.wrong} {coverage:>6}"
-        return " | ".join([f"{head} {self.verdict:<11} {self.seconds:5.1f} s", *self.said])
+        return " | ".join(
+            [f"{head} {self.verdict:<11} {self.seconds:5.1f} s", *self.said]
+        )
 
 
 def run(trap: str, robot: str, seed: int) -> Run:
@@ -96,42 +106,96 @@ def run(trap: str, robot: str, seed: int) -> Run:
     except ec.EchelonError as error:
         seconds = process_time() - begin
         return Run(
-            trap, robot, seed, None if log.names is None else False, False, 0, 0, 0, "error", seconds, (str(error),)
+            trap,
+            robot,
+            seed,
+            None if log.names is None else False,
+            False,
+            0,
+            0,
+            0,
+            "error",
+            seconds,
+            (str(error),),
         )
     seconds = process_time() - begin
     wrong, (covered, count) = log.wrong(result), log.coverage(result) or (0, 0)
-    verdict = next((word for text, word in VERDICTS.items() if result.verdict.startswith(text)), "other")
-    said = [f"{'WRONG ' * (f in wrong)}{f.severity} {f.kind}: {f.text[:_TEXT]}" for f in judged(result)]
+    verdict = next(
+        (word for text, word in VERDICTS.items() if result.verdict.startswith(text)),
+        "other",
+    )
+    said = [
+        f"{'WRONG ' * (f in wrong)}{f.severity} {f.kind}: {f.text[:_TEXT]}"
+        for f in judged(result)
+    ]
     named = None if log.names is None else log.named(result)
     first, scored = log.named_first(result), tuple(map(in_line, result.hypotheses))
-    return Run(trap, robot, seed, named, first, len(wrong), covered, count, verdict, seconds, tuple(said), scored)
+    return Run(
+        trap,
+        robot,
+        seed,
+        named,
+        first,
+        len(wrong),
+        covered,
+        count,
+        verdict,
+        seconds,
+        tuple(said),
+        scored,
+    )
 
 
 def in_line(some: Any) -> str:
     """A hypothesis with its gain and places."""
-    taken, gain = "taken" if some.taken else "not taken", f"{some.gain.mean:.3g} ± {some.gain.error:.2g}"
+    taken, gain = (
+        "taken" if some.taken else "not taken",
+        f"{some.gain.mean:.3g} ± {some.gain.error:.2g}",
+    )
     return f"{taken}: {some.words} ({', '.join(some.places)}), gain {gain}"
 
 
 def counted(runs: Sequence[Run]) -> list[str]:
     """Cells of a table: named, named first, wrong names, coverage, verdicts and time."""
     asked = [some for some in runs if some.named is not None]
-    named = f"{sum(bool(some.named) for some in asked)} / {len(asked)}" if asked else "–"
+    named = (
+        f"{sum(bool(some.named) for some in asked)} / {len(asked)}" if asked else "–"
+    )
     first = f"{sum(some.first for some in asked)}" if asked else "–"
-    covered, parameters = sum(some.covered for some in runs), sum(some.parameters for some in runs)
+    covered, parameters = (
+        sum(some.covered for some in runs),
+        sum(some.parameters for some in runs),
+    )
     coverage = f"{covered / parameters:.1%}" if parameters else "–"
-    words = sorted({some.verdict for some in runs}, key=lambda word: -sum(some.verdict == word for some in runs))
-    verdicts = ", ".join(f"{word} {sum(some.verdict == word for some in runs)}" for word in words)
+    words = sorted(
+        {some.verdict for some in runs},
+        key=lambda word: -sum(some.verdict == word for some in runs),
+    )
+    verdicts = ", ".join(
+        f"{word} {sum(some.verdict == word for some in runs)}" for word in words
+    )
     seconds = sum(some.seconds for some in runs) / len(runs)
-    return [named, first, str(sum(some.wrong for some in runs)), coverage, verdicts, f"{seconds:.1f}"]
+    return [
+        named,
+        first,
+        str(sum(some.wrong for some in runs)),
+        coverage,
+        verdicts,
+        f"{seconds:.1f}",
+    ]
 
 
 def page(runs: Sequence[Run], seeds: range) -> str:
     """All as Markdown."""
     robots = list(dict.fromkeys(some.robot for some in runs))
     head = ["named", "first", "wrong names", "coverage", "verdicts", "CPU s"]
-    traps = [[trap, *counted([some for some in runs if some.trap == trap])] for trap in TRAPS]
-    arms = [[robot, *counted([some for some in runs if some.robot == robot])] for robot in robots]
+    traps = [
+        [trap, *counted([some for some in runs if some.trap == trap])] for trap in TRAPS
+    ]
+    arms = [
+        [robot, *counted([some for some in runs if some.robot == robot])]
+        for robot in robots
+    ]
     versions = {"Echelon": ec.__version__, "Python": platform.python_version()}
     versions |= {name: version(name) for name in ("numpy", "scipy", "clarabel", "pin")}
     stated = ", ".join(f"{name} {text}" for name, text in versions.items())
@@ -141,10 +205,17 @@ def page(runs: Sequence[Run], seeds: range) -> str:
         "their intervals of 95 % where the model can have them, what verdicts begin with, and mean time."
     )
     every = table(["trap", *head], [*traps, ["all", *counted(runs)]])
-    return "\n\n".join(["# Traps in simulated logs", text, every, table(["arm", *head], arms)]) + "\n"
+    return (
+        "\n\n".join(
+            ["# Traps in simulated logs", text, every, table(["arm", *head], arms)]
+        )
+        + "\n"
+    )
 
 
-def every_run(traps: Sequence[str], robots: Sequence[str], seeds: range) -> Iterator[Run]:
+def every_run(
+    traps: Sequence[str], robots: Sequence[str], seeds: range
+) -> Iterator[Run]:
     """All runs, seed by seed."""
     for seed in seeds:
         for robot in robots:
@@ -155,7 +226,12 @@ def every_run(traps: Sequence[str], robots: Sequence[str], seeds: range) -> Iter
 def main() -> None:
     """Run all, print, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--robots", nargs="*", default=["ur10", "ur5", "xarm7"], choices=[*ROBOTS, "all"])
+    parser.add_argument(
+        "--robots",
+        nargs="*",
+        default=["ur10", "ur5", "xarm7"],
+        choices=[*ROBOTS, "all"],
+    )
     parser.add_argument("--traps", nargs="*", default=list(TRAPS), choices=list(TRAPS))
     parser.add_argument("--seeds", type=int, default=1, help="how many")
     parser.add_argument("--first", type=int, default=1, help="the first one")
@@ -168,7 +244,15 @@ def main() -> None:
         runs.append(some)
         if chosen.lines is not None:
             with chosen.lines.open("a", encoding="utf-8") as lines:
-                lines.write("".join(f"{line}\n" for line in [str(some), *(f"    {text}" for text in some.judged)]))
+                lines.write(
+                    "".join(
+                        f"{line}\n"
+                        for line in [
+                            str(some),
+                            *(f"    {text}" for text in some.judged),
+                        ]
+                    )
+                )
     if set(chosen.traps) == set(TRAPS):
         text = page(runs, seeds)
         OUTPUT.write_text(text, encoding="utf-8")

@@ -12,7 +12,9 @@ FILE = Path(__file__).with_name("double_pendulum.yaml")
 for gravity in ("file", "none", "generic"):
     robot = ec.load(FILE, gravity=gravity)
     print(f"gravity {gravity}: {ec.base_structure(robot).rank} base parameters")
-print(f"floating base: {ec.base_structure(ec.load(FILE, floating=True)).rank} base parameters")
+print(
+    f"floating base: {ec.base_structure(ec.load(FILE, floating=True)).rank} base parameters"
+)
 
 found = ec.special_geometry(ec.load(FILE))
 print(f"general values of the symbols: {found.rank}")

@@ -16,7 +16,10 @@ with TemporaryDirectory() as folder:
     print(ec.verify(file))
 
     text = file.read_text(encoding="utf-8")
-    file.write_text(text.replace('"coefficient": "l1^2"', '"coefficient": "2*l1^2"'), encoding="utf-8")
+    file.write_text(
+        text.replace('"coefficient": "l1^2"', '"coefficient": "2*l1^2"'),
+        encoding="utf-8",
+    )
     try:
         ec.verify(file)
     except ec.CertificateError as error:

@@ -16,8 +16,16 @@ for language in ("c", "python", "matlab"):
     print(language, {name: len(text.splitlines()) for name, text in files.items()})
 
 module: dict[str, object] = {}
-(source,) = (text for name, text in ec.generate(base, "python", ["regressor"], name="pendulum").items())
+(source,) = (
+    text
+    for name, text in ec.generate(
+        base, "python", ["regressor"], name="pendulum"
+    ).items()
+)
 exec(source, module)  # a program would write the file and import it
 q, qd, qdd = np.random.default_rng(2).normal(size=(3, 2))
 generated = module["regressor"](q, qd, qdd)  # type: ignore[operator]
-print("generated code agrees:", np.allclose(generated, base.regressor(q[None], qd[None], qdd[None])[0]))
+print(
+    "generated code agrees:",
+    np.allclose(generated, base.regressor(q[None], qd[None], qdd[None])[0]),
+)

@@ -21,7 +21,9 @@ phase = t[:, None, None] * rate
 q = (size * np.sin(phase)).sum(axis=2)
 qd = (size * rate * np.cos(phase)).sum(axis=2)
 qdd = (-size * rate**2 * np.sin(phase)).sum(axis=2)
-tau = base.predict(q, qd, qdd, true) + 0.05 * np.random.default_rng(1).normal(size=(len(t), 2))
+tau = base.predict(q, qd, qdd, true) + 0.05 * np.random.default_rng(1).normal(
+    size=(len(t), 2)
+)
 
 with TemporaryDirectory() as folder:
     log = Path(folder) / "run.csv"
@@ -30,6 +32,8 @@ with TemporaryDirectory() as folder:
     result = ec.identify(setup, [log])
 
 low, high = result.estimate.interval(0.95).T
-for name, value, a, b, truth in zip(base.pivots, result.estimate.values, low, high, true, strict=True):
+for name, value, a, b, truth in zip(
+    base.pivots, result.estimate.values, low, high, true, strict=True
+):
     print(f"{name:>4} = {value:8.4f}  in {a:8.4f} … {b:8.4f}   true {truth:8.4f}")
 print(result.verdict)

@@ -20,13 +20,23 @@ def write_addresses(address: str) -> None:
     """Put the addresses into the metadata of package, recipe and citation, which have none yet."""
     named = REPOSITORY.fullmatch(address)
     if not named:
-        sys.exit(f"'{address}' is no address of a repository; it is like https://github.com/OWNER/NAME")
+        sys.exit(
+            f"'{address}' is no address of a repository; it is like https://github.com/OWNER/NAME"
+        )
     site = f"https://{named[1].lower()}.github.io/{named[2]}/"
     urls = {"Documentation": site, "Source": address, "Issues": f"{address}/issues"}
     urls["Changelog"] = f"{site}changelog.html"
     lines = "".join(f'{name} = "{url}"\n' for name, url in urls.items())
-    _insert(ROOT / "pyproject.toml", f"[project.urls]\n{lines}\n", before="[project.scripts]")
-    _insert(ROOT / "CITATION.cff", f"repository-code: {address}\nurl: {site}\n", before="keywords:")
+    _insert(
+        ROOT / "pyproject.toml",
+        f"[project.urls]\n{lines}\n",
+        before="[project.scripts]",
+    )
+    _insert(
+        ROOT / "CITATION.cff",
+        f"repository-code: {address}\nurl: {site}\n",
+        before="keywords:",
+    )
     about = f"  homepage: {site}\n  repository: {address}\n"
     _insert(ROOT / "packaging/recipe.yaml", about, before="  license_file:")
 

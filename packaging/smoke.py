@@ -31,7 +31,13 @@ USES: dict[str, list[str]] = {
     "symbolic": ["derive", ROBOT, "--regressor", "latex"],
     "mjcf": ["derive", str(EXAMPLES / "two_link.xml")],
     "robots": ["derive", "arm.urdf.xacro"],
-    "identify": ["identify", str(EXAMPLES / "logs/panda_30hz.yaml"), str(LOG), "-o", "model"],
+    "identify": [
+        "identify",
+        str(EXAMPLES / "logs/panda_30hz.yaml"),
+        str(LOG),
+        "-o",
+        "model",
+    ],
     "excite": ["excite", ROBOT, "--duration", "6", "--starts", "1", "-o", "motion"],
 }
 """A command that needs each extra."""
@@ -54,33 +60,66 @@ class Environment:
         venv.create(folder / "env", with_pip=True)
         self.folder, self.extra = folder, extra
         self.scripts = folder / "env" / ("Scripts" if os.name == "nt" else "bin")
-        self._sound("python", "-m", "pip", "install", "--quiet", f"{file}[{extra}]" if extra else str(file))
+        self._sound(
+            "python",
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            f"{file}[{extra}]" if extra else str(file),
+        )
 
     def run(self, program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         command = [self.scripts / program, *arguments]
-        return subprocess.run(command, cwd=self.folder, capture_output=True, encoding="utf-8", check=False)
+        return subprocess.run(
+            command, cwd=self.folder, capture_output=True, encoding="utf-8", check=False
+        )
 
     def _sound(self, *command: str) -> str:
         done = self.run(*command)
         if done.returncode:
-            raise SystemExit(f"{' '.join(command)}: exit code {done.returncode}\n{done.stdout}{done.stderr}")
+            raise SystemExit(
+                f"{' '.join(command)}: exit code {done.returncode}\n{done.stdout}{done.stderr}"
+            )
         return done.stdout
 
     def megabytes(self) -> int:
         """What the package and all that it needs take."""
         own = re.compile(r"pip|setuptools|pkg_resources|_distutils_hack|wheel")
         (packages,) = (self.folder / "env").glob("[Ll]ib/**/site-packages")
-        files = (f for top in packages.iterdir() if not own.match(top.name) for f in [top, *top.rglob("*")])
+        files = (
+            f
+            for top in packages.iterdir()
+            if not own.match(top.name)
+            for f in [top, *top.rglob("*")]
+        )
         return round(sum(f.stat().st_size for f in files if f.is_file()) / 1e6)
 
     def check_core(self) -> None:
         """What works without extras."""
-        self._sound("echelon", "derive", str(EXAMPLES / "panda.yaml"), "--json", "-o", "panda.json")
-        rank = json.loads((self.folder / "panda.json").read_text(encoding="utf-8"))["rank"]
-        if rank != 43:  # Gautier and Khalil's count for seven revolute joints of this kind
+        self._sound(
+            "echelon",
+            "derive",
+            str(EXAMPLES / "panda.yaml"),
+            "--json",
+            "-o",
+            "panda.json",
+        )
+        rank = json.loads((self.folder / "panda.json").read_text(encoding="utf-8"))[
+            "rank"
+        ]
+        if (
+            rank != 43
+        ):  # Gautier and Khalil's count for seven revolute joints of this kind
             raise SystemExit(f"{rank} base parameters of the Panda, expected 43")
         self._sound("python", "-m", "echelon", "verify", "panda.json")
-        self._sound("echelon", "derive", str(EXAMPLES / "loops/four_bar.yaml"), "--format", "latex")
+        self._sound(
+            "echelon",
+            "derive",
+            str(EXAMPLES / "loops/four_bar.yaml"),
+            "--format",
+            "latex",
+        )
         self._sound("echelon", "sensors", ROBOT)
         self._sound("echelon", "generate", "panda.json", "--target", "c", "-o", "code")
         if not any((self.folder / "code").iterdir()):
@@ -100,24 +139,38 @@ class Environment:
             else:
                 fine = done.returncode == 0 and bool(self.extra)
             if not fine:
-                raise SystemExit(f"with [{self.extra}], echelon {' '.join(command)}: {done.returncode}\n{done.stderr}")
+                raise SystemExit(
+                    f"with [{self.extra}], echelon {' '.join(command)}: {done.returncode}\n{done.stderr}"
+                )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--extras", default="", metavar="LIST")
     parser.add_argument("--write", type=Path, metavar="PAGE")
     asked = parser.parse_args()
     sizes: dict[str, int] = {}
     for file in asked.files:
-        for extra in ["", *(("fast", *USES) if asked.extras == "all" else filter(None, asked.extras.split(",")))]:
+        for extra in [
+            "",
+            *(
+                ("fast", *USES)
+                if asked.extras == "all"
+                else filter(None, asked.extras.split(","))
+            ),
+        ]:
             with tempfile.TemporaryDirectory() as folder:
                 there = Environment(Path(folder), file.resolve(), extra)
                 sizes[extra] = there.megabytes()
                 there.check_core()
                 there.check_extras()
-            print(f"{file.name}[{extra}]: works with Python {sys.version.split()[0]}, {sizes[extra]} MB", flush=True)
+            print(
+                f"{file.name}[{extra}]: works with Python {sys.version.split()[0]}, {sizes[extra]} MB",
+                flush=True,
+            )
         if sizes[""] > MOST:
             raise SystemExit(f"the core takes {sizes['']} MB, more than {MOST}")
     if asked.write:
@@ -128,9 +181,17 @@ def write_sizes(page: Path, sizes: dict[str, int]) -> None:
     """Put what was measured between the marks of the page; extras that were not tried keep their rows."""
     head, begin, rest = page.read_text(encoding="utf-8").partition("<!-- sizes -->\n")
     table, end, tail = rest.partition("<!-- /sizes -->")
-    known = dict(re.findall(r"\| `echelon-robotics(?:\[(\w+)\])?` \| (\d+) MB \|", table)) | sizes
-    rows = [f"| `echelon-robotics{f'[{extra}]' if extra else ''}` | {size} MB |" for extra, size in known.items()]
-    system = f"{platform.system()}, Python {sys.version_info.major}.{sys.version_info.minor}"
+    known = (
+        dict(re.findall(r"\| `echelon-robotics(?:\[(\w+)\])?` \| (\d+) MB \|", table))
+        | sizes
+    )
+    rows = [
+        f"| `echelon-robotics{f'[{extra}]' if extra else ''}` | {size} MB |"
+        for extra, size in known.items()
+    ]
+    system = (
+        f"{platform.system()}, Python {sys.version_info.major}.{sys.version_info.minor}"
+    )
     text = "\n".join([f"| {system} | installed |", "|---|--:|", *rows, ""])
     page.write_text(head + begin + text + end + tail, encoding="utf-8")
 

@@ -29,7 +29,10 @@ UNUSED = re.compile(
 )
 """Files of wheels that no page imports."""
 EXPORTS, IMPORTS = 7, 2  # sections of a module of WebAssembly
-NEEDED = (b"__wasm", b"PyInit_")  # exports that the loaders of Emscripten and Python ask for
+NEEDED = (
+    b"__wasm",
+    b"PyInit_",
+)  # exports that the loaders of Emscripten and Python ask for
 
 
 def pack(vendor: Path, wheels: Sequence[Path], page: Path, source: Path) -> None:
@@ -43,16 +46,27 @@ def pack(vendor: Path, wheels: Sequence[Path], page: Path, source: Path) -> None
             archive.extractall(library)
         for wheel in wheels:
             with zipfile.ZipFile(wheel) as archive:
-                archive.extractall(packages, [name for name in archive.namelist() if not UNUSED.search(name)])
+                archive.extractall(
+                    packages,
+                    [name for name in archive.namelist() if not UNUSED.search(name)],
+                )
         _copy_own(page, source, packages)
         _trim(sorted(packages.rglob("*.so")))
         node = shutil.which("node") or sys.exit("the explorer's build needs node")
-        subprocess.run([node, SITE / "compile.mjs", vendor, folder], check=True, stdout=subprocess.DEVNULL)
-        with zipfile.ZipFile(vendor / "python_stdlib.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        subprocess.run(
+            [node, SITE / "compile.mjs", vendor, folder],
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+        with zipfile.ZipFile(
+            vendor / "python_stdlib.zip", "w", zipfile.ZIP_DEFLATED
+        ) as archive:
             for name, content in _files(library):
                 archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
         whole = io.BytesIO()
-        with tarfile.open(fileobj=whole, mode="w", format=tarfile.USTAR_FORMAT) as archive:
+        with tarfile.open(
+            fileobj=whole, mode="w", format=tarfile.USTAR_FORMAT
+        ) as archive:
             for name, content in _files(packages):
                 entry = tarfile.TarInfo(name)
                 entry.size = len(content)
@@ -71,7 +85,11 @@ def _files(folder: Path) -> Iterator[tuple[str, bytes]]:
 def _copy_own(page: Path, source: Path, packages: Path) -> None:
     """The page's module, what it can reach of Echelon, and all files there that are no modules."""
     shutil.copy(page, packages)
-    others = {file for file in source.rglob("*") if file.is_file() and file.suffix not in (".py", ".pyc")}
+    others = {
+        file
+        for file in source.rglob("*")
+        if file.is_file() and file.suffix not in (".py", ".pyc")
+    }
     for file in others | reachable(page, source):
         target = packages / file.relative_to(source)
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -112,13 +130,19 @@ def _imported(text: str) -> Iterator[str]:
 def _trim(libraries: Sequence[Path]) -> None:
     """Take away what libraries export but none imports."""
     contents = {file: file.read_bytes() for file in libraries}
-    wanted = {name for content in contents.values() for name, _ in _entries(content, IMPORTS)}
+    wanted = {
+        name for content in contents.values() for name, _ in _entries(content, IMPORTS)
+    }
     for file, content in contents.items():
         file.write_bytes(_with_exports(content, wanted))
 
 
 def _with_exports(content: bytes, wanted: set[bytes]) -> bytes:
-    kept = [entry for name, entry in _entries(content, EXPORTS) if name in wanted or name.startswith(NEEDED)]
+    kept = [
+        entry
+        for name, entry in _entries(content, EXPORTS)
+        if name in wanted or name.startswith(NEEDED)
+    ]
     parts = [content[:8]]
     for kind, body in _sections(content):
         part = _number(len(kept)) + b"".join(kept) if kind == EXPORTS else body
@@ -145,7 +169,11 @@ def _entries(content: bytes, section: int) -> Iterator[tuple[bytes, bytes]]:
                 at = _after_name(body, at)  # the module's
             end = _after_name(body, at)
             name = body[_read(body, at)[1] : end]
-            at = _read(body, end + 1)[1] if section == EXPORTS else _after_type(body, end)
+            at = (
+                _read(body, end + 1)[1]
+                if section == EXPORTS
+                else _after_type(body, end)
+            )
             yield name, body[start:at]
 
 

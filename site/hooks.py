@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
-_ROLE = re.compile(r":(?:attr|class|func|meth|mod|data|exc):<code>~?(.*?)</code>", re.DOTALL)
+_ROLE = re.compile(
+    r":(?:attr|class|func|meth|mod|data|exc):<code>~?(.*?)</code>", re.DOTALL
+)
 
 
 def on_page_content(html: str, **_: Any) -> str:

@@ -33,7 +33,11 @@ def section(file: Path, title: str, only: str = "") -> str:
     """A section of a page of results, or what stands before the first; of tables only rows that match a pattern."""
     parts = re.split(r"^## (.*)$", file.read_text(encoding="utf-8"), flags=re.MULTILINE)
     text = parts[0].split("\n", 1)[1] if not title else parts[parts.index(title) + 1]
-    table = [line for line in text.strip().splitlines() if not only or line.startswith("|--") or re.search(only, line)]
+    table = [
+        line
+        for line in text.strip().splitlines()
+        if not only or line.startswith("|--") or re.search(only, line)
+    ]
     head = next((line for line in text.splitlines() if line.startswith("|")), "")
     return "\n".join([head, *table] if only else table)
 
@@ -54,10 +58,20 @@ def _alone(html: str, kind: str) -> Picture:
     marks = re.search(r'<svg width="0".*?<defs>(.*?)</defs></svg>', html, re.DOTALL)
     svg = re.search(rf'<svg class="{kind}.*?</svg>', html, re.DOTALL)
     assert svg is not None
-    rules = re.findall(r"[^{}\n]+\{[^{}]*\}", CSS[: CSS.index("@media")] + CSS[CSS.index("* {") :])
-    style = "".join(f"{rule.strip()}\n" for rule in rules if re.search("fill:|stroke|font-weight|--ink:", rule))
+    rules = re.findall(
+        r"[^{}\n]+\{[^{}]*\}", CSS[: CSS.index("@media")] + CSS[CSS.index("* {") :]
+    )
+    style = "".join(
+        f"{rule.strip()}\n"
+        for rule in rules
+        if re.search("fill:|stroke|font-weight|--ink:", rule)
+    )
     text = svg[0].replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
-    text = text.replace(">", f">\n<style>\n{style}</style>\n{f'<defs>{marks[1]}</defs>' if marks else ''}", 1)
+    text = text.replace(
+        ">",
+        f">\n<style>\n{style}</style>\n{f'<defs>{marks[1]}</defs>' if marks else ''}",
+        1,
+    )
     alt = re.search('aria-label="([^"]*)"', text)
     return Picture(text + "\n", alt[1] if alt else "")
 
@@ -65,7 +79,12 @@ def _alone(html: str, kind: str) -> Picture:
 def plot(figure: Any, alt: str) -> Picture:
     """A figure of matplotlib."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", bbox_inches="tight", metadata={"Date": None, "Creator": None})
+    figure.savefig(
+        buffer,
+        format="svg",
+        bbox_inches="tight",
+        metadata={"Date": None, "Creator": None},
+    )
     text = buffer.getvalue()
     return Picture(text[text.index("<svg") :], alt)
 
@@ -79,7 +98,9 @@ def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
     matplotlib.rcParams |= {"axes.spines.top": False, "axes.spines.right": False}
     from matplotlib import pyplot
 
-    return pyplot.subplots(count, figsize=(width, height * count), sharex=True, layout="constrained")
+    return pyplot.subplots(
+        count, figsize=(width, height * count), sharex=True, layout="constrained"
+    )
 
 
 def write(folder: Path) -> None:

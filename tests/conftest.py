@@ -27,12 +27,16 @@ def target(request: pytest.FixtureRequest) -> Target:
 
 
 @pytest.fixture(params=["cached", "big"])
-def any_size(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def any_size(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[str]:
     """Results are written as if they stayed in the caches, or as if they did not, whatever their size.
 
     The memory that kernels use stands between fences, and nothing is written beyond them.
     """
-    monkeypatch.setattr(kernel, "_CACHED_BYTES", 0 if request.param == "big" else 1 << 60)
+    monkeypatch.setattr(
+        kernel, "_CACHED_BYTES", 0 if request.param == "big" else 1 << 60
+    )
     fences = Fences()
     monkeypatch.setattr(kernel, "aligned", fences.aligned)
     yield request.param

@@ -8,7 +8,11 @@ from echelon.arrays import one_thread
 
 
 def threads() -> set[int]:
-    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+    return {
+        library["num_threads"]
+        for library in threadpool_info()
+        if library["user_api"] == "blas"
+    }
 
 
 def test_linear_algebra_has_one_thread_for_a_while() -> None:

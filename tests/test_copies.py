@@ -31,7 +31,9 @@ def test_a_copy_says_the_same(name: str, copied: Any) -> None:
 
 def test_no_public_class_is_forgotten() -> None:
     seen = held(*(used(name)[0] for name in OBJECTS))
-    protocols = {kind for kind in public_classes() if getattr(kind, "_is_protocol", False)}
+    protocols = {
+        kind for kind in public_classes() if getattr(kind, "_is_protocol", False)
+    }
     assert public_classes() - seen.keys() == protocols
 
 
@@ -47,14 +49,20 @@ def _use(objects: dict[str, Any], pipe: Any) -> None:
     pipe.send({name: OBJECTS[name].use(found) for name, found in objects.items()})
 
 
-@pytest.mark.parametrize("method", slow_unless(["fork"], multiprocessing.get_all_start_methods()))
+@pytest.mark.parametrize(
+    "method", slow_unless(["fork"], multiprocessing.get_all_start_methods())
+)
 def test_other_processes_use_what_was_used_here(method: str) -> None:
     objects = {name: used(name) for name in OBJECTS if name not in SLOW_TO_USE}
     context = multiprocessing.get_context(method)
     here, there = context.Pipe(duplex=False)
-    process = context.Process(target=_use, args=({name: found for name, (found, _) in objects.items()}, there))
+    process = context.Process(
+        target=_use, args=({name: found for name, (found, _) in objects.items()}, there)
+    )
     process.start()
     there.close()
     assert here.poll(60)
-    np.testing.assert_equal(here.recv(), {name: said for name, (_, said) in objects.items()})
+    np.testing.assert_equal(
+        here.recv(), {name: said for name, (_, said) in objects.items()}
+    )
     process.join()

@@ -30,12 +30,16 @@ def blocks(language: str) -> list[object]:
 
 @pytest.mark.parametrize("block", blocks("console"))
 def test_console_example(block: str) -> None:
-    for command, expected in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE):
+    for command, expected in re.findall(
+        r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE
+    ):
         program, *arguments = shlex.split(command)
         assert program == "echelon"
         done = run(*arguments, cwd=ROOT)
         actual = done.stdout + done.stderr
-        assert doctest.OutputChecker().check_output(expected, actual, FLAGS), f"{command} printed:\n{actual}"
+        assert doctest.OutputChecker().check_output(expected, actual, FLAGS), (
+            f"{command} printed:\n{actual}"
+        )
 
 
 @pytest.mark.parametrize("block", blocks("python"))
@@ -59,10 +63,20 @@ def test_the_commands_of_readme_work_as_they_stand(tmp_path: Path) -> None:
     ]
     names = dict(line.split("=") for line in lines if re.match(r"[A-Z]+=", line))
     commands = [
-        shlex.split(Template(line).substitute(names), comments=True) for line in lines if line.startswith("echelon ")
+        shlex.split(Template(line).substitute(names), comments=True)
+        for line in lines
+        if line.startswith("echelon ")
     ]
-    tried = [command for command in commands if "examples/excite/ur10.yaml" not in command]
-    assert {command[1] for command in tried} == {"derive", "verify", "generate", "identify", "predict"}
+    tried = [
+        command for command in commands if "examples/excite/ur10.yaml" not in command
+    ]
+    assert {command[1] for command in tried} == {
+        "derive",
+        "verify",
+        "generate",
+        "identify",
+        "predict",
+    }
     for _, *arguments in tried:
         done = run(*arguments, cwd=tmp_path)
         assert done.returncode == 0, (arguments, done.stderr)
@@ -70,7 +84,11 @@ def test_the_commands_of_readme_work_as_they_stand(tmp_path: Path) -> None:
 
 def test_numbers_come_from_the_benchmark() -> None:
     table = (ROOT / "benchmarks/results/bench.md").read_text()
-    quoted = re.search(r"<!-- bench -->\n(.*?)<!-- /bench -->", (ROOT / "README.md").read_text(), re.DOTALL)
+    quoted = re.search(
+        r"<!-- bench -->\n(.*?)<!-- /bench -->",
+        (ROOT / "README.md").read_text(),
+        re.DOTALL,
+    )
     assert quoted is not None
     assert all(line in table for line in quoted[1].splitlines())
 
@@ -78,7 +96,11 @@ def test_numbers_come_from_the_benchmark() -> None:
 @pytest.mark.parametrize("page", ["README.md", "docs/identification.md"])
 def test_numbers_come_from_the_real_logs(page: str) -> None:
     results = (ROOT / "benchmarks/results/real_logs.md").read_text().splitlines()
-    quoted = re.search(r"<!-- real logs -->\n(.*?)<!-- /real logs -->", (ROOT / page).read_text(), re.DOTALL)
+    quoted = re.search(
+        r"<!-- real logs -->\n(.*?)<!-- /real logs -->",
+        (ROOT / page).read_text(),
+        re.DOTALL,
+    )
     assert quoted is not None
     lines = [line for line in quoted[1].splitlines() if line]
     assert len(lines) > 6
@@ -88,7 +110,11 @@ def test_numbers_come_from_the_real_logs(page: str) -> None:
 @pytest.mark.parametrize("page", ["README.md", "docs/excitation.md"])
 def test_numbers_come_from_the_benchmark_of_trajectories(page: str) -> None:
     results = (ROOT / "benchmarks/results/excitation.md").read_text().splitlines()
-    quoted = re.search(r"<!-- excitation -->\n(.*?)<!-- /excitation -->", (ROOT / page).read_text(), re.DOTALL)
+    quoted = re.search(
+        r"<!-- excitation -->\n(.*?)<!-- /excitation -->",
+        (ROOT / page).read_text(),
+        re.DOTALL,
+    )
     assert quoted is not None
     lines = [line for line in quoted[1].splitlines() if line]
     assert len(lines) > 6
@@ -104,8 +130,14 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_pictures_are_those_of_this_program(tmp_path: Path) -> None:
     """``python site/pictures.py`` draws them again."""
     module("pictures", "pictures.py").write(tmp_path)
-    kept = {picture.name: picture.read_text(encoding="utf-8") for picture in (ROOT / "docs/pictures").iterdir()}
-    assert {picture.name: picture.read_text(encoding="utf-8") for picture in tmp_path.iterdir()} == kept
+    kept = {
+        picture.name: picture.read_text(encoding="utf-8")
+        for picture in (ROOT / "docs/pictures").iterdir()
+    }
+    assert {
+        picture.name: picture.read_text(encoding="utf-8")
+        for picture in tmp_path.iterdir()
+    } == kept
 
 
 def test_the_map_of_contributing_leads_to_files() -> None:
@@ -113,4 +145,6 @@ def test_the_map_of_contributing_leads_to_files() -> None:
     table = text[text.index("| where is") : text.index("## Layers")]
     named = re.findall(r"`([a-z_]+/[a-z_/]*(?:\.py)?|[a-z_]+\.py)`", table)
     assert len(named) > 25
-    assert [path for path in named if not (ROOT / "src" / "echelon" / path).exists()] == []
+    assert [
+        path for path in named if not (ROOT / "src" / "echelon" / path).exists()
+    ] == []

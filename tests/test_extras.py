@@ -32,9 +32,15 @@ def packages(requirements: list[str]) -> set[str]:
     """Names of packages as modules, those of other extras among them."""
     found: set[str] = set()
     for requirement in requirements:
-        name, inner = re.fullmatch(r"([\w-]+)(?:\[([\w,]+)\])?[^\[]*", requirement).groups()  # type: ignore[union-attr]
+        name, inner = re.fullmatch(
+            r"([\w-]+)(?:\[([\w,]+)\])?[^\[]*", requirement
+        ).groups()  # type: ignore[union-attr]
         if name == PROJECT["name"]:
-            found |= {p for e in inner.split(",") for p in packages(PROJECT["optional-dependencies"][e])}
+            found |= {
+                p
+                for e in inner.split(",")
+                for p in packages(PROJECT["optional-dependencies"][e])
+            }
         else:
             found.add(name.replace("-", "_"))
     return found
@@ -50,21 +56,42 @@ def test_an_extra_installs_what_is_imported_from_it(name: str) -> None:
 def test_the_recipe_installs_the_core() -> None:
     recipe = (ROOT / "packaging/recipe.yaml").read_text()
     listed = recipe.split("  run:\n")[1].split("tests:")[0].replace(" >=", ">=")
-    assert re.findall(r"- (\S+)", listed) == [f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]]
+    assert re.findall(r"- (\S+)", listed) == [
+        f"python{PROJECT['requires-python']}",
+        *PROJECT["dependencies"],
+    ]
 
 
 # -- imports -----------------------------------------------------------------------------------------------------------
 
 
-def optional_imports(node: ast.AST, inside: str | None = None) -> Iterator[tuple[str, str | None, int]]:
+def optional_imports(
+    node: ast.AST, inside: str | None = None
+) -> Iterator[tuple[str, str | None, int]]:
     """Optional modules, the extra under which each is imported, and the line; those for type checking are left out."""
     if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
         return
-    if isinstance(node, ast.With) and (call := node.items[0].context_expr) and isinstance(call, ast.Call):
-        inside = ast.unparse(call.args[0]).strip("'") if ast.unparse(call.func) == "extra" else inside
+    if (
+        isinstance(node, ast.With)
+        and (call := node.items[0].context_expr)
+        and isinstance(call, ast.Call)
+    ):
+        inside = (
+            ast.unparse(call.args[0]).strip("'")
+            if ast.unparse(call.func) == "extra"
+            else inside
+        )
     if isinstance(node, ast.Import | ast.ImportFrom):
-        names = [node.module or ""] if isinstance(node, ast.ImportFrom) else [alias.name for alias in node.names]
-        yield from ((n, inside, node.lineno) for n in (name.partition(".")[0] for name in names) if n in MODULES)
+        names = (
+            [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else [alias.name for alias in node.names]
+        )
+        yield from (
+            (n, inside, node.lineno)
+            for n in (name.partition(".")[0] for name in names)
+            if n in MODULES
+        )
     for child in ast.iter_child_nodes(node):
         yield from optional_imports(child, inside)
 
@@ -80,9 +107,14 @@ def test_what_is_optional_is_imported_under_its_extra() -> None:
     wrong = [
         f"{path}:{line}: import of {module} under extra {name}"
         for path in (ROOT / "src/echelon").rglob("*.py")
-        if any(f" {module}" in (text := path.read_text(encoding="utf-8")) for module in MODULES)
+        if any(
+            f" {module}" in (text := path.read_text(encoding="utf-8"))
+            for module in MODULES
+        )
         for module, name, line in optional_imports(ast.parse(text))
-        if (path.name, module) not in BARE and name != "needed_by" and module not in EXTRAS.get(name or "", ())
+        if (path.name, module) not in BARE
+        and name != "needed_by"
+        and module not in EXTRAS.get(name or "", ())
     ]
     assert not wrong
 
@@ -128,7 +160,10 @@ CASES: list[tuple[str, str | None]] = [
     ("verify set.json", None),
     (f"sensors {PENDULUM}", None),
     (f"audit {PENDULUM} set.json", None),
-    *((f"generate set.json -t {t} -o {t}", None) for t in ("c", "python", "casadi", "rust")),
+    *(
+        (f"generate set.json -t {t} -o {t}", None)
+        for t in ("c", "python", "casadi", "rust")
+    ),
     *((f"schema {which}", None) for which in ("description", "base-model")),
     (f"derive {PENDULUM} --regressor latex", "symbolic"),
     (f"derive {EXAMPLES}/two_link.xml", "mjcf"),
@@ -151,11 +186,23 @@ CASES: list[tuple[str, str | None]] = [
 def alone(folder: Path) -> dict[str, tuple[int, str, str]]:
     """Exit code, output and errors of each command, all in one process without extras."""
     t = np.arange(0.0, 8.0, 0.01)
-    rows = np.column_stack([t, *(np.sin((k + 1) * t + p) for k in range(2) for p in (0.0, 1.6, 3.1))])
+    rows = np.column_stack(
+        [t, *(np.sin((k + 1) * t + p) for k in range(2) for p in (0.0, 1.6, 3.1))]
+    )
     names = "t,q_j1,qd_j1,tau_j1,q_j2,qd_j2,tau_j2"
     np.savetxt(folder / "log.csv", rows, delimiter=",", header=names, comments="")
-    np.savetxt(folder / "motion.csv", rows[:, [0, 1, 4]], delimiter=",", header="t,q_j1,q_j2", comments="")
-    for name, start in {"log.parquet": b"PAR1", "log.h5": b"\x89HDF\r\n\x1a\n", "log.bag": b"#ROSBAG V2.0\n"}.items():
+    np.savetxt(
+        folder / "motion.csv",
+        rows[:, [0, 1, 4]],
+        delimiter=",",
+        header="t,q_j1,q_j2",
+        comments="",
+    )
+    for name, start in {
+        "log.parquet": b"PAR1",
+        "log.h5": b"\x89HDF\r\n\x1a\n",
+        "log.bag": b"#ROSBAG V2.0\n",
+    }.items():
         (folder / name).write_bytes(start * 20)
     (folder / "log.mcap").write_bytes(b"\x89MCAP0\r\n" * 20)
     xacro = '<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="x" value="1"/></robot>'
@@ -164,7 +211,10 @@ def alone(folder: Path) -> dict[str, tuple[int, str, str]]:
     done = run_alone(lines, cwd=folder, code=ALONE + COMMANDS)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    return {command: tuple(answer) for (command, _), answer in zip(CASES, found, strict=True)}
+    return {
+        command: tuple(answer)
+        for (command, _), answer in zip(CASES, found, strict=True)
+    }
 
 
 @pytest.fixture(scope="session")
@@ -172,15 +222,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("alone")
 
 
-@pytest.mark.parametrize(("command", "name"), CASES, ids=[c.replace(f"{ROOT}/examples/", "") for c, _ in CASES])
-def test_commands_work_with_the_core_or_name_the_extra(command: str, name: str | None, folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("command", "name"),
+    CASES,
+    ids=[c.replace(f"{ROOT}/examples/", "") for c, _ in CASES],
+)
+def test_commands_work_with_the_core_or_name_the_extra(
+    command: str, name: str | None, folder: Path
+) -> None:
     code, out, err = alone(folder)[command]
     if name is None:
         assert (code, err) == (0, "")
         return
     assert (code, out) == (2, "")
     assert re.fullmatch(
-        rf'echelon: this needs the package \'\w+\': install it with  pip install "echelon-robotics\[{name}\]"\n', err
+        rf'echelon: this needs the package \'\w+\': install it with  pip install "echelon-robotics\[{name}\]"\n',
+        err,
     )
 
 
@@ -200,16 +257,29 @@ for use in (lambda: base.B, lambda: base.accumulate({"q": q, "qd": q, "qdd": q, 
 
 
 def test_the_library_alone() -> None:
-    done = subprocess.run([sys.executable, "-c", ALONE + PYTHON, PENDULUM], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE + PYTHON, PENDULUM],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     first, *lines = done.stdout.splitlines()
     assert first == "(5, 2, 6) (5, 2)"
-    assert [re.findall(r"\[\w+\]", line) for line in lines] == [["[symbolic]"], ["[identify]"]]
+    assert [re.findall(r"\[\w+\]", line) for line in lines] == [
+        ["[symbolic]"],
+        ["[identify]"],
+    ]
 
 
 def test_a_release_names_its_repository(tmp_path: Path) -> None:
     """Addresses and the recipe are filled in once, however often that is asked for."""
-    for name in ("pyproject.toml", "CITATION.cff", "packaging/recipe.yaml", "packaging/release.py"):
+    for name in (
+        "pyproject.toml",
+        "CITATION.cff",
+        "packaging/recipe.yaml",
+        "packaging/release.py",
+    ):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / name, tmp_path / name)
     archive = tmp_path / "echelon_robotics-1.2.3.tar.gz"
@@ -224,10 +294,18 @@ def test_a_release_names_its_repository(tmp_path: Path) -> None:
     urls = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["urls"]
     assert urls["Source"] == address
     assert urls["Documentation"] == "https://somebody.github.io/echelon/"
-    assert yaml.safe_load((tmp_path / "CITATION.cff").read_text())["repository-code"] == address
+    assert (
+        yaml.safe_load((tmp_path / "CITATION.cff").read_text())["repository-code"]
+        == address
+    )
     assert release("recipe", str(archive)).returncode == 0
     recipe = yaml.safe_load((tmp_path / "recipe.yaml").read_text())
     assert recipe["source"]["url"].endswith("/echelon_robotics-1.2.3.tar.gz")
     assert recipe["source"]["sha256"] == hashlib.sha256(b"source").hexdigest()
-    assert (recipe["context"]["version"], recipe["about"]["repository"]) == ("1.2.3", address)
-    assert release("addresses", "somewhere").stderr.startswith("'somewhere' is no address of a repository")
+    assert (recipe["context"]["version"], recipe["about"]["repository"]) == (
+        "1.2.3",
+        address,
+    )
+    assert release("addresses", "somewhere").stderr.startswith(
+        "'somewhere' is no address of a repository"
+    )

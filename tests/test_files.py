@@ -19,13 +19,18 @@ from echelon import files
 from echelon.errors import InputError
 from echelon.files import target_of, write_all, write_atomically, written_into
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="links, pipes, modes and signals of POSIX")
+pytestmark = pytest.mark.skipif(
+    os.name != "posix", reason="links, pipes, modes and signals of POSIX"
+)
 
 
 def tree(folder: Path) -> dict[str, str | None]:
     """Contents by path; directories have none."""
     found = sorted(folder.rglob("*"))
-    return {str(path.relative_to(folder)): path.read_text() if path.is_file() else None for path in found}
+    return {
+        str(path.relative_to(folder)): path.read_text() if path.is_file() else None
+        for path in found
+    }
 
 
 # -- where a path leads ------------------------------------------------------------------------------------------------
@@ -47,7 +52,9 @@ def test_new_files_obey_the_mask(tmp_path: Path) -> None:
         write_atomically(tmp_path / "private", "", private=True)
     finally:
         os.umask(before)
-    assert [(tmp_path / name).stat().st_mode & 0o777 for name in ("file", "private")] == [0o640, 0o600]
+    assert [
+        (tmp_path / name).stat().st_mode & 0o777 for name in ("file", "private")
+    ] == [0o640, 0o600]
 
 
 @pytest.mark.parametrize("exists", [True, False])
@@ -116,7 +123,10 @@ def test_what_cannot_be_written_is_said_before_anything_is(
     (tmp_path / "nowhere").symlink_to("missing/file")
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.rglob("*"))
-    for write in (target_of, lambda path: write_all({Path("new"): "", Path("file"): "", Path(path): ""})):
+    for write in (
+        target_of,
+        lambda path: write_all({Path("new"): "", Path("file"): "", Path(path): ""}),
+    ):
         with pytest.raises(InputError) as caught:
             write(name)
         assert caught.value.problem == problem
@@ -149,13 +159,18 @@ def unprivileged() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", ["file", "new"])
-def test_read_only_folders_and_files(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_read_only_folders_and_files(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)  # the folders above need not be open to others
     Path("file").write_text("old")
     Path("file").chmod(0o444)
     tmp_path.chmod(0o555)
     try:
-        with unprivileged(), pytest.raises(InputError, match="cannot be written: Permission denied"):
+        with (
+            unprivileged(),
+            pytest.raises(InputError, match="cannot be written: Permission denied"),
+        ):
             write_atomically(name, "new")
     finally:
         tmp_path.chmod(0o755)
@@ -172,7 +187,13 @@ def test_a_full_disk(tmp_path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
     try:
         with pytest.raises(InputError, match=r"2: cannot be written: File too large"):
-            write_all({tmp_path / "1": "new", tmp_path / "2": "new" * 10_000, tmp_path / "3": ""})
+            write_all(
+                {
+                    tmp_path / "1": "new",
+                    tmp_path / "2": "new" * 10_000,
+                    tmp_path / "3": "",
+                }
+            )
         with pytest.raises(InputError, match="too large"):
             written_into(tmp_path / "made" / "here", {"4": "new" * 10_000})
     finally:

@@ -12,11 +12,17 @@ ROOMS_OF_ONE_FILE = {"inertia.py", "inputs.py", "models.py"}
 
 def test_every_package_has_faults() -> None:
     assert len(set(FAULTS)) == len(FAULTS) >= 200
-    packages = {file.parent.name for file in (ROOT / "src" / "echelon").glob("*/__init__.py")}
-    assert {fault.file.split("/")[0] for fault in FAULTS} == packages | ROOMS_OF_ONE_FILE
+    packages = {
+        file.parent.name for file in (ROOT / "src" / "echelon").glob("*/__init__.py")
+    }
+    assert {
+        fault.file.split("/")[0] for fault in FAULTS
+    } == packages | ROOMS_OF_ONE_FILE
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.file}: {fault.breaks}")
+@pytest.mark.parametrize(
+    "fault", FAULTS, ids=lambda fault: f"{fault.file}: {fault.breaks}"
+)
 def test_the_fault_applies_to_the_source(fault: Fault) -> None:
     """What it changes stands in the file exactly once, the file still compiles, and its tests exist."""
     changed = fault.applied((ROOT / fault.path).read_text(encoding="utf-8"))

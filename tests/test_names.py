@@ -11,10 +11,27 @@ import pytest
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.names import check_distinct, check_identifier, check_title, skeleton, symbol_stem
+from echelon.names import (
+    check_distinct,
+    check_identifier,
+    check_title,
+    skeleton,
+    symbol_stem,
+)
 from support import textbook_arms as arms
 
-FORMULAS = ["1 + 2·MX2", "l1·M2", "l1*M2", "MX1 + MX2", "ZZ1-M2", "M2²", "M2^2", "1 + 2", "M1 − M2", "2×M1"]
+FORMULAS = [
+    "1 + 2·MX2",
+    "l1·M2",
+    "l1*M2",
+    "MX1 + MX2",
+    "ZZ1-M2",
+    "M2²",
+    "M2^2",
+    "1 + 2",
+    "M1 − M2",
+    "2×M1",
+]
 HIDDEN = {
     "M2\u200b": "U+200B",
     "a\u200dm": "U+200D",
@@ -87,7 +104,19 @@ TITLES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", [*FORMULAS, *HIDDEN, *LOOKING_LIKE, *UNUSUAL_FORMS, "left arm", "left-arm", "a.b", ""])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *FORMULAS,
+        *HIDDEN,
+        *LOOKING_LIKE,
+        *UNUSUAL_FORMS,
+        "left arm",
+        "left-arm",
+        "a.b",
+        "",
+    ],
+)
 def test_what_formulas_hold_is_an_identifier(name: str) -> None:
     with pytest.raises(InputError, match=r"^here: the name "):
         check_identifier(name, "here")
@@ -130,7 +159,8 @@ def test_a_stem_may_stand_before_letters_of_another_script() -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "second"), [("aΟ", "aO"), ("口", "ロ"), ("left arm", "left  arm"), ("へ", "ヘ"), ("ё", "ë")]
+    ("first", "second"),
+    [("aΟ", "aO"), ("口", "ロ"), ("left arm", "left  arm"), ("へ", "ヘ"), ("ё", "ë")],
 )
 def test_names_that_look_the_same_are_refused(first: str, second: str) -> None:
     assert skeleton(first) == skeleton(second)
@@ -139,7 +169,10 @@ def test_names_that_look_the_same_are_refused(first: str, second: str) -> None:
     check_distinct([first, first], "bodies")  # one name twice is for others to judge
 
 
-@pytest.mark.parametrize(("first", "second"), [("l1", "L1"), ("a1", "α1"), ("d", "D"), ("e", "é"), ("l1", "I1")])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("l1", "L1"), ("a1", "α1"), ("d", "D"), ("e", "é"), ("l1", "I1")],
+)
 def test_names_that_can_be_told_apart_are_fine(first: str, second: str) -> None:
     check_distinct([first, second], "symbols")
 
@@ -179,18 +212,29 @@ BAD = ["1 + 2·MX2", "l1·M2", "arm\u200b", "arm\u202e", "lеft", "Μ2", "e\u030
 
 @pytest.mark.parametrize("name", BAD)
 @pytest.mark.parametrize("where", ["body", "joint"])
-@pytest.mark.parametrize(("text", "suffix"), [(URDF, "urdf"), (SDF, "sdf"), (MJCF, "xml")], ids=["URDF", "SDF", "MJCF"])
-def test_files_with_such_names_are_refused(tmp_path: Path, text: str, suffix: str, where: str, name: str) -> None:
+@pytest.mark.parametrize(
+    ("text", "suffix"),
+    [(URDF, "urdf"), (SDF, "sdf"), (MJCF, "xml")],
+    ids=["URDF", "SDF", "MJCF"],
+)
+def test_files_with_such_names_are_refused(
+    tmp_path: Path, text: str, suffix: str, where: str, name: str
+) -> None:
     names = {"body": "arm", "joint": "j1", where: name}
     file = tmp_path / f"robot.{suffix}"
-    file.write_text(text.format(**{k: quoteattr(v) for k, v in names.items()}, text=names["body"]), encoding="utf-8")
+    file.write_text(
+        text.format(**{k: quoteattr(v) for k, v in names.items()}, text=names["body"]),
+        encoding="utf-8",
+    )
     with pytest.raises(InputError, match=rf"robot\.{suffix}: {where} '.*': the name "):
         ec.load(file)
 
 
 @pytest.mark.parametrize("name", BAD)
 @pytest.mark.parametrize("where", PLAIN)
-def test_descriptions_with_such_names_are_refused(tmp_path: Path, where: str, name: str) -> None:
+def test_descriptions_with_such_names_are_refused(
+    tmp_path: Path, where: str, name: str
+) -> None:
     file = tmp_path / "robot.yaml"
     file.write_text(DESCRIPTION.format(**PLAIN), encoding="utf-8")
     assert ec.base_parameters(ec.load(file)).rank
@@ -201,7 +245,9 @@ def test_descriptions_with_such_names_are_refused(tmp_path: Path, where: str, na
 
 @pytest.mark.parametrize("name", BAD)
 @pytest.mark.parametrize("where", ["parameter", "constant", "output"])
-def test_linear_models_with_such_names_are_refused(tmp_path: Path, where: str, name: str) -> None:
+def test_linear_models_with_such_names_are_refused(
+    tmp_path: Path, where: str, name: str
+) -> None:
     plain = {"parameter": "p", "constant": "c", "output": "y1"}
     file = tmp_path / "model.yaml"
     file.write_text(LINEAR.format(**plain), encoding="utf-8")
@@ -224,8 +270,12 @@ def test_saved_sets_with_such_names_are_refused(tmp_path: Path, name: str) -> No
 
 
 CHANGES: dict[str, Callable[[ec.Mechanism], object]] = {
-    "a formula": lambda arm: replace(arm, bodies=(replace(arm.bodies[0], label="1 + 2"), *arm.bodies[1:])),
-    "two scripts": lambda arm: replace(arm, bodies=(replace(arm.bodies[0], label="aйO"), *arm.bodies[1:])),
+    "a formula": lambda arm: replace(
+        arm, bodies=(replace(arm.bodies[0], label="1 + 2"), *arm.bodies[1:])
+    ),
+    "two scripts": lambda arm: replace(
+        arm, bodies=(replace(arm.bodies[0], label="aйO"), *arm.bodies[1:])
+    ),
 }
 
 
@@ -239,7 +289,11 @@ def test_parameters_of_actuators_are_identifiers(tmp_path: Path) -> None:
     """A difference of two names was one name before: Fv_motor-left."""
     file = tmp_path / "robot.yaml"
     more = "actuators: {motor-left: {terms: {j2: 2}}}\n"
-    text = DESCRIPTION.format(**PLAIN).split("effects:")[0] + more + "effects: [{type: viscous, at: motor-left}]\n"
+    text = (
+        DESCRIPTION.format(**PLAIN).split("effects:")[0]
+        + more
+        + "effects: [{type: viscous, at: motor-left}]\n"
+    )
     file.write_text(text, encoding="utf-8")
     assert ec.load(file).parameters[-1] == "Fv_motor_left"
     assert symbol_stem("left-knee") == "_left_knee"

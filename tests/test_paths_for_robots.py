@@ -18,14 +18,22 @@ MODELS = re.compile(r"\b(Mechanism|LinearModel|BaseModel|Model|Setup)\b")
 RESULTS_ARE_THEIR_TOPIC = {"save_base"}  # writes a set that was derived
 ROBOT = EXAMPLES / "double_pendulum.yaml"
 WITH_MODELS = {
-    name: [p.name for p in inspect.signature(getattr(ec, name)).parameters.values() if MODELS.search(str(p.annotation))]
+    name: [
+        p.name
+        for p in inspect.signature(getattr(ec, name)).parameters.values()
+        if MODELS.search(str(p.annotation))
+    ]
     for name in ec.__all__
     if inspect.isfunction(getattr(ec, name)) and name not in RESULTS_ARE_THEIR_TOPIC
 }
 
 
-@pytest.mark.parametrize(("name", "parameters"), [(n, p) for n, p in WITH_MODELS.items() if p])
-def test_what_takes_a_model_says_that_it_takes_a_path(name: str, parameters: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("name", "parameters"), [(n, p) for n, p in WITH_MODELS.items() if p]
+)
+def test_what_takes_a_model_says_that_it_takes_a_path(
+    name: str, parameters: list[str]
+) -> None:
     function = getattr(ec, name)
     for parameter in parameters:
         annotation = str(inspect.signature(function).parameters[parameter].annotation)
@@ -59,18 +67,24 @@ def test_a_path_gives_what_its_robot_gives(name: str, tmp_path: Path) -> None:
 
 
 def test_a_path_of_a_loop_and_of_a_linear_model() -> None:
-    assert isinstance(ec.base_parameters(EXAMPLES / "linear/arrhenius.yaml"), ec.LinearBase)
+    assert isinstance(
+        ec.base_parameters(EXAMPLES / "linear/arrhenius.yaml"), ec.LinearBase
+    )
     assert isinstance(ec.load_model(EXAMPLES / "linear/arrhenius.yaml"), ec.LinearModel)
 
 
 @pytest.mark.parametrize("name", CALLS)
 @pytest.mark.parametrize("wrong", [3, None, [1, 2], b"arm.urdf", {"a": 1}])
-def test_what_is_neither_is_refused_with_what_would_be_valid(name: str, wrong: object) -> None:
+def test_what_is_neither_is_refused_with_what_would_be_valid(
+    name: str, wrong: object
+) -> None:
     with pytest.raises(InputError, match="path"):
         CALLS[name](wrong)
 
 
-@pytest.mark.parametrize("name", ["base_structure", "generate", "audit", "sensor_report"])
+@pytest.mark.parametrize(
+    "name", ["base_structure", "generate", "audit", "sensor_report"]
+)
 def test_a_linear_model_is_no_robot(name: str) -> None:
     with pytest.raises(InputError, match=r"arrhenius\.yaml: a robot is needed"):
         CALLS[name](EXAMPLES / "linear/arrhenius.yaml")

@@ -40,17 +40,30 @@ def test_public_names_are_pinned() -> None:
 
 def test_names_are_declared_once_for_type_checkers_and_python() -> None:
     """The stub that both read has one import per public name and nothing else."""
-    docstring, *imports = ast.parse(Path(ec.__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
+    docstring, *imports = ast.parse(
+        Path(ec.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+    ).body
     assert isinstance(docstring, ast.Expr)
-    declared = {a.asname: n.module for n in imports if isinstance(n, ast.ImportFrom) for a in n.names}
+    declared = {
+        a.asname: n.module
+        for n in imports
+        if isinstance(n, ast.ImportFrom)
+        for a in n.names
+    }
     assert declared == ec._HOME
     assert len(declared) == len(imports)
-    assert all(getattr(ec, name).__module__ == module for name, module in declared.items() if name[0] != "_")
+    assert all(
+        getattr(ec, name).__module__ == module
+        for name, module in declared.items()
+        if name[0] != "_"
+    )
 
 
 def test_importing_echelon_imports_nothing_heavy() -> None:
     script = "import sys, echelon; print(*sorted({'numpy', 'flint', 'sympy', 'llvmlite', 'yaml'} & sys.modules.keys()))"
-    assert not subprocess.check_output([sys.executable, "-c", script], text=True).strip()
+    assert not subprocess.check_output(
+        [sys.executable, "-c", script], text=True
+    ).strip()
 
 
 def functions() -> Iterator[object]:
@@ -60,7 +73,10 @@ def functions() -> Iterator[object]:
             continue  # a program of its own, which nobody imports from
         module = importlib.import_module(module_info.name)
         for name, member in vars(module).items():
-            if name.startswith("_") or getattr(member, "__module__", None) != module.__name__:
+            if (
+                name.startswith("_")
+                or getattr(member, "__module__", None) != module.__name__
+            ):
                 continue
             if inspect.isfunction(member):
                 yield pytest.param(member, id=f"{module.__name__}.{name}")
@@ -93,7 +109,9 @@ def facade() -> Iterator[object]:
 
 
 @pytest.mark.parametrize(("function", "owner"), list(facade()))
-def test_every_argument_is_explained(function: Callable[..., object], owner: type | None) -> None:
+def test_every_argument_is_explained(
+    function: Callable[..., object], owner: type | None
+) -> None:
     """Where it is, or once for all methods of a class that says so."""
     text = inspect.getdoc(function) or ""
     if owner is not None and f":class:`{owner.__name__}`" in text:

@@ -67,10 +67,14 @@ def environment(python: str | None = None) -> str:
     """
     if python is not None:
         if not _works(python):
-            raise UnavailableError(f"{Path(python).name} does not import figaroh and cyipopt")
+            raise UnavailableError(
+                f"{Path(python).name} does not import figaroh and cyipopt"
+            )
         return python
     folder = BUILT / f"figaroh-{VERSION}-solver"
-    made = str(folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python"))
+    made = str(
+        folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+    )
     if not _works(made):
         _install(folder, made)
     return made
@@ -100,15 +104,30 @@ def searched(python: str, urdf: Path, reach: float, seed: int) -> Search:
         raise RuntimeError(f"FIGAROH's search failed:\n{done.stderr[-2000:]}")
     told: dict[str, Any] = json.loads(done.stdout)
     states = told.pop("states")
-    arrays = None if states is None else (np.array(states[0]), np.array(states[1]), np.array(states[2]))
+    arrays = (
+        None
+        if states is None
+        else (np.array(states[0]), np.array(states[1]), np.array(states[2]))
+    )
     return Search(**{**told, "columns": tuple(told["columns"])}, states=arrays)
 
 
 def _install(folder: Path, python: str) -> None:
     venv.create(folder, clear=True, with_pip=True)
-    done = _run(python, "-m", "pip", "install", "--quiet", "--only-binary", "cyipopt-wheels", *PACKAGES)
+    done = _run(
+        python,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--only-binary",
+        "cyipopt-wheels",
+        *PACKAGES,
+    )
     if done.returncode or not _works(python):
-        reasons = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
+        reasons = [
+            line for line in done.stderr.splitlines() if line.startswith("ERROR")
+        ]
         raise UnavailableError("; ".join(["it cannot be installed", *reasons[-1:]]))
 
 
@@ -122,4 +141,10 @@ def _works(python: str) -> bool:
 def _run(python: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     # isolated: neither this environment's paths nor the script's folder
     variables = {**os.environ, "MPLBACKEND": "Agg"}
-    return subprocess.run([python, "-I", *arguments], env=variables, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [python, "-I", *arguments],
+        env=variables,
+        capture_output=True,
+        text=True,
+        check=False,
+    )

@@ -64,8 +64,24 @@ def _fetched() -> Path:
     folder = BUILT / f"figaroh-{VERSION}"
     path = folder / _TOOLS
     if not path.exists():
-        command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(folder)]
-        done = subprocess.run([*command, f"figaroh=={VERSION}"], capture_output=True, text=True, check=False)
+        command = [
+            sys.executable,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--no-deps",
+            "--target",
+            str(folder),
+        ]
+        done = subprocess.run(
+            [*command, f"figaroh=={VERSION}"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         if done.returncode or not path.exists():
-            raise UnavailableError(f"figaroh {VERSION} cannot be fetched: {done.stderr.strip().splitlines()[-1:]}")
+            raise UnavailableError(
+                f"figaroh {VERSION} cannot be fetched: {done.stderr.strip().splitlines()[-1:]}"
+            )
     return path

@@ -53,14 +53,23 @@ class CompiledC:
     size: int
     loaded: ctypes.CDLL
 
-    def calls(self, given: Mapping[str, Floats], result: Floats, rounds: int = 1) -> float:
+    def calls(
+        self, given: Mapping[str, Floats], result: Floats, rounds: int = 1
+    ) -> float:
         """Seconds for single calls, once per state and round."""
         arrays = [np.ascontiguousarray(given[name]) for name, _ in self.arguments]
-        pointers = (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
+        pointers = (ctypes.c_void_p * len(arrays))(
+            *(array.ctypes.data for array in arrays)
+        )
         count = ctypes.c_long(len(result))
         self.loaded.time_calls.restype = ctypes.c_double
         return float(
-            self.loaded.time_calls(count, ctypes.c_long(rounds), pointers, ctypes.c_void_p(result.ctypes.data))
+            self.loaded.time_calls(
+                count,
+                ctypes.c_long(rounds),
+                pointers,
+                ctypes.c_void_p(result.ctypes.data),
+            )
         )
 
 
@@ -87,7 +96,9 @@ def compiled(files: Mapping[str, str], function: str) -> CompiledC:
     declared = re.search(rf"void (\w+_{function})\((.*?)\);", files[header], re.DOTALL)
     if declared is None:
         raise ValueError(f"{header} declares no {function}")
-    arguments = tuple((name, int(size)) for name, size in _ARGUMENT.findall(declared[2]))
+    arguments = tuple(
+        (name, int(size)) for name, size in _ARGUMENT.findall(declared[2])
+    )
     size = int(declared[2].rsplit("[", 1)[1].strip("] ").removeprefix("restrict"))
     loop = folder / f"{Path(header).stem}_{function}_loop.c"
     loop.write_text(_loop(header, declared[1], arguments, size), encoding="utf-8")
@@ -95,6 +106,13 @@ def compiled(files: Mapping[str, str], function: str) -> CompiledC:
     return CompiledC(arguments, size, library(sources, (*FLAGS, f"-I{folder}"), "c"))
 
 
-def _loop(header: str, function: str, arguments: tuple[tuple[str, int], ...], size: int) -> str:
-    passed = [f"given[{k}]" + (f" + i * {n}" if name in _STATE else "") for k, (name, n) in enumerate(arguments)]
-    return _LOOP.format(header=header, function=function, arguments=", ".join(passed), size=size)
+def _loop(
+    header: str, function: str, arguments: tuple[tuple[str, int], ...], size: int
+) -> str:
+    passed = [
+        f"given[{k}]" + (f" + i * {n}" if name in _STATE else "")
+        for k, (name, n) in enumerate(arguments)
+    ]
+    return _LOOP.format(
+        header=header, function=function, arguments=", ".join(passed), size=size
+    )

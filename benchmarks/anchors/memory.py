@@ -20,9 +20,15 @@ def aligned(shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     return space[start : start + size].reshape(shape)
 
 
-def write_seconds(to: npt.NDArray[np.float64], threads: int, *, past_caches: bool = True) -> float:
+def write_seconds(
+    to: npt.NDArray[np.float64], threads: int, *, past_caches: bool = True
+) -> float:
     """Seconds to fill an aligned array, past the caches or by the C library's own fill."""
     built = library([HERE / "memory.cpp"], ("-std=c++17", *OPTIMISED))
     built.anchor_write.restype = ctypes.c_double
     pointer, count = ctypes.c_void_p(to.ctypes.data), ctypes.c_int64(to.size)
-    return float(built.anchor_write(pointer, count, ctypes.c_int(threads), ctypes.c_int(past_caches)))
+    return float(
+        built.anchor_write(
+            pointer, count, ctypes.c_int(threads), ctypes.c_int(past_caches)
+        )
+    )

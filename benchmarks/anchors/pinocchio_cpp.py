@@ -22,12 +22,18 @@ _BOOST = (
     "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
     "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
 )
-_UNALIGNED = {"JointModelRevoluteUnaligned": "RU", "JointModelPrismaticUnaligned": "PU", "JointModelFreeFlyer": "FF"}
+_UNALIGNED = {
+    "JointModelRevoluteUnaligned": "RU",
+    "JointModelPrismaticUnaligned": "PU",
+    "JointModelFreeFlyer": "FF",
+}
 
 
 @cache
 def _loaded() -> ctypes.CDLL:
-    built = library([HERE / "pinocchio_anchor.cpp"], (*FLAGS, *_BOOST, *pinocchio_headers()))
+    built = library(
+        [HERE / "pinocchio_anchor.cpp"], (*FLAGS, *_BOOST, *pinocchio_headers())
+    )
     built.anchor_robot.restype = ctypes.c_void_p
     built.anchor_regressor.restype = built.anchor_rnea.restype = ctypes.c_double
     return built
@@ -51,25 +57,46 @@ class CppRobot:
         self._library = _loaded()
         joints = range(1, model.njoints)
         kinds = [model.joints[j].shortname() for j in joints]
-        short = [_UNALIGNED.get(kind) or kind.removeprefix("JointModel") for kind in kinds]
+        short = [
+            _UNALIGNED.get(kind) or kind.removeprefix("JointModel") for kind in kinds
+        ]
         axes = np.array([_axis(model.joints[j]) for j in joints])
-        places = np.array([[*p.rotation.ravel(), *p.translation] for p in list(model.jointPlacements)[1:]])
-        bodies = np.array([[i.mass, *i.lever, *i.inertia.ravel()] for i in list(model.inertias)[1:]])
+        places = np.array(
+            [
+                [*p.rotation.ravel(), *p.translation]
+                for p in list(model.jointPlacements)[1:]
+            ]
+        )
+        bodies = np.array(
+            [[i.mass, *i.lever, *i.inertia.ravel()] for i in list(model.inertias)[1:]]
+        )
         parents = np.array([model.parents[j] for j in joints], dtype=np.int32)
         names = (ctypes.c_char_p * len(short))(*(s.encode() for s in short))
         self._handle = ctypes.c_void_p(
             self._library.anchor_robot(
-                ctypes.c_int(len(short)), _pointer(parents), names, _pointer(axes), _pointer(places), _pointer(bodies)
+                ctypes.c_int(len(short)),
+                _pointer(parents),
+                names,
+                _pointer(axes),
+                _pointer(places),
+                _pointer(bodies),
             )
         )
         if not self._handle:
-            raise ValueError(f"a kind of joint is unknown to the anchor: {sorted(set(kinds))}")
+            raise ValueError(
+                f"a kind of joint is unknown to the anchor: {sorted(set(kinds))}"
+            )
 
     def __del__(self) -> None:
         if getattr(self, "_handle", None):
             self._library.anchor_free(self._handle)
 
-    def regressor(self, states: tuple[Floats, Floats, Floats], out: Floats | None, threads: int = 1) -> float:
+    def regressor(
+        self,
+        states: tuple[Floats, Floats, Floats],
+        out: Floats | None,
+        threads: int = 1,
+    ) -> float:
         """Seconds to fill `out` of shape (N, nv, columns); without it, to compute and drop the regressors."""
         if out is not None and out.shape != (len(states[0]), self.nv, self.columns):
             raise ValueError(f"W has the shape {out.shape}")
@@ -83,15 +110,27 @@ class CppRobot:
             )
         )
 
-    def rnea(self, states: tuple[Floats, Floats, Floats], out: Floats, rounds: int = 1) -> float:
+    def rnea(
+        self, states: tuple[Floats, Floats, Floats], out: Floats, rounds: int = 1
+    ) -> float:
         """Seconds for single calls of RNEA, once per state and round; the last torques are left in `out`."""
         count = ctypes.c_int64(len(states[0]))
-        arguments = (self._handle, count, *map(_pointer, states), _pointer(out), ctypes.c_int64(rounds))
+        arguments = (
+            self._handle,
+            count,
+            *map(_pointer, states),
+            _pointer(out),
+            ctypes.c_int64(rounds),
+        )
         return float(self._library.anchor_rnea(*arguments))
 
 
 def _axis(joint: Any) -> Any:
-    return joint.extract().axis if hasattr(joint, "extract") and joint.shortname() in _UNALIGNED else np.zeros(3)
+    return (
+        joint.extract().axis
+        if hasattr(joint, "extract") and joint.shortname() in _UNALIGNED
+        else np.zeros(3)
+    )
 
 
 def _pointer(array: npt.NDArray[Any]) -> ctypes.c_void_p:

@@ -12,7 +12,9 @@ from typing import Any
 from anchors.build import HERE
 
 
-def probe(name: str, *arguments: str, environment: Mapping[str, str] | None = None) -> Any:
+def probe(
+    name: str, *arguments: str, environment: Mapping[str, str] | None = None
+) -> Any:
     """Run ``probes.name`` and return what it prints.
 
     Parameters
@@ -25,7 +27,16 @@ def probe(name: str, *arguments: str, environment: Mapping[str, str] | None = No
     """
     command = [sys.executable, "-m", f"probes.{name}", *arguments]
     variables = {**os.environ, **(environment or {})}
-    done = subprocess.run(command, cwd=HERE.parent, env=variables, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command,
+        cwd=HERE.parent,
+        env=variables,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode:
-        raise RuntimeError(f"{name} {' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
+        raise RuntimeError(
+            f"{name} {' '.join(arguments)} failed:\n{done.stderr[-2000:]}"
+        )
     return json.loads(done.stdout.splitlines()[-1])

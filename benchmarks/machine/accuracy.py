@@ -44,7 +44,9 @@ def _row(case: Case) -> dict[str, Any]:
         "states": _STATES,
         "base": _difference(dense, expected[:, :, base.matrix.pivots]),
         "standard": _difference(base.standard_regressor(*states), expected),
-        "predict": _difference(base.predict(*states, values)[:, :, None], torques[:, :, None]),
+        "predict": _difference(
+            base.predict(*states, values)[:, :, None], torques[:, :, None]
+        ),
         "same on all threads": _same_on_threads(case),
     }
 
@@ -54,9 +56,14 @@ def _pinocchio(case: Case) -> Floats:
     import pinocchio as pin
 
     data, theirs = case.model.createData(), case.theirs(case.states(_STATES))
-    stacked = [pin.computeJointTorqueRegressor(case.model, data, *state).copy() for state in zip(*theirs, strict=True)]
+    stacked = [
+        pin.computeJointTorqueRegressor(case.model, data, *state).copy()
+        for state in zip(*theirs, strict=True)
+    ]
     rows = np.argsort(case.order)
-    result: Floats = np.array(stacked)[:, rows][:, :, case.their_columns(range(len(case.base.parameters)))]
+    result: Floats = np.array(stacked)[:, rows][
+        :, :, case.their_columns(range(len(case.base.parameters)))
+    ]
     return result
 
 
@@ -65,7 +72,10 @@ def _difference(ours: Floats, theirs: Floats) -> float:
 
     Columns that hold nothing but rounding are compared with the largest entry of all.
     """
-    worst, scale = np.abs(ours - theirs).max(axis=(0, 1)), np.abs(theirs).max(axis=(0, 1))
+    worst, scale = (
+        np.abs(ours - theirs).max(axis=(0, 1)),
+        np.abs(theirs).max(axis=(0, 1)),
+    )
     scale[scale < _ROUNDING * scale.max()] = scale.max()
     return float((worst / scale).max())
 

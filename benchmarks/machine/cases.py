@@ -20,7 +20,18 @@ States = tuple[Floats, Floats, Floats]
 
 _AMPLITUDES = (3.0, 3.0, 10.0)  # rad, rad/s, rad/s²
 # Pinocchio's columns of a body: m, m·c, then the inertia tensor as XX XY YY XZ YZ ZZ
-_THEIR_PLACE = {"XX": 4, "XY": 5, "XZ": 7, "YY": 6, "YZ": 8, "ZZ": 9, "MX": 1, "MY": 2, "MZ": 3, "M": 0}
+_THEIR_PLACE = {
+    "XX": 4,
+    "XY": 5,
+    "XZ": 7,
+    "YY": 6,
+    "YZ": 8,
+    "ZZ": 9,
+    "MX": 1,
+    "MY": 2,
+    "MZ": 3,
+    "M": 0,
+}
 _KINDS = tuple(_THEIR_PLACE)
 
 
@@ -99,7 +110,9 @@ def urdf_case(name: str, label: str, file: str, *, literal: bool = False) -> Cas
 
     path = find_urdf(file)
     mechanism = ec.load(path, snap_tolerance=0) if literal else ec.load(path)
-    return Case(name, label, ec.base_parameters(mechanism), pin.buildModelFromUrdf(str(path)))
+    return Case(
+        name, label, ec.base_parameters(mechanism), pin.buildModelFromUrdf(str(path))
+    )
 
 
 def panda_case() -> Case:

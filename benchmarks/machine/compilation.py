@@ -19,20 +19,28 @@ from machine.inverse_dynamics import FUNCTION
 from ratios import Spread
 from robots import PANDA_FILE, find_urdf
 
-_FIRST_USES = {"panda": "Panda, base regressor", "talos": "Talos, floating, base regressor"}
+_FIRST_USES = {
+    "panda": "Panda, base regressor",
+    "talos": "Talos, floating, base regressor",
+}
 _PROCESSES = 3  # a fresh process for each
 
 
 def to_compiled_c(repeats: int, report: Callable[[str], None]) -> list[dict[str, Any]]:
     """Reading, deriving, writing and compiling inverse dynamics in C, step by step."""
     rows = []
-    for label, path in {"UR10": find_urdf("ur10_robot.urdf"), "Panda": PANDA_FILE}.items():
+    for label, path in {
+        "UR10": find_urdf("ur10_robot.urdf"),
+        "Panda": PANDA_FILE,
+    }.items():
         report(f"{label} from its file to compiled C")
         try:
             runs = [_steps(path) for _ in range(repeats + 1)][1:]
         except UnavailableError as error:
             return [{"robot": label, "skipped": str(error)}]
-        parts = {part: Spread.of([run[part] for run in runs]).as_dict() for part in runs[0]}
+        parts = {
+            part: Spread.of([run[part] for run in runs]).as_dict() for part in runs[0]
+        }
         rows.append({"robot": label, "seconds": parts})
     return rows
 
@@ -65,11 +73,23 @@ def first_uses(quick: bool, report: Callable[[str], None]) -> list[dict[str, Any
         for _ in range(1 if quick else _PROCESSES):
             folder = tempfile.mkdtemp(prefix="echelon-bench-")
             try:
-                cold.append(probe("first_use", name, environment={"ECHELON_CACHE": folder})["seconds"])
-                again = probe("first_use", name, "--running", environment={"ECHELON_CACHE": folder})
+                cold.append(
+                    probe("first_use", name, environment={"ECHELON_CACHE": folder})[
+                        "seconds"
+                    ]
+                )
+                again = probe(
+                    "first_use",
+                    name,
+                    "--running",
+                    environment={"ECHELON_CACHE": folder},
+                )
                 cached.append(again["seconds"])
             finally:
                 shutil.rmtree(folder, ignore_errors=True)
-        seconds = {"cold": Spread.of(cold).as_dict(), "cached": Spread.of(cached).as_dict()}
+        seconds = {
+            "cold": Spread.of(cold).as_dict(),
+            "cached": Spread.of(cached).as_dict(),
+        }
         rows.append({"what": label, "name": name, "seconds": seconds})
     return rows

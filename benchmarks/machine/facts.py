@@ -11,7 +11,17 @@ from anchors.build import UnavailableError, compiler_version, eigen_version
 from anchors.figaroh_tool import VERSION as FIGAROH
 
 # the instruction sets that decide how fast vectors of doubles are
-_SETS = ("avx512f", "avx512dq", "avx512vl", "avx2", "fma", "sse4.2", "neon", "sve", "sve2")
+_SETS = (
+    "avx512f",
+    "avx512dq",
+    "avx512vl",
+    "avx2",
+    "fma",
+    "sse4.2",
+    "neon",
+    "sve",
+    "sve2",
+)
 
 
 @cache

@@ -26,13 +26,19 @@ _CALLS = 200_000
 # additions (with subtractions) and multiplications of inverse dynamics with base parameters
 LABELS = {"rx90": "RX90", "puma560": "PUMA 560", "ur10": "UR10"}
 PUBLISHED = {
-    "rx90": {"SymPyBotics": (228, 298), "OpenSYMORO": (256, 310), "literature": (238, 253)},
+    "rx90": {
+        "SymPyBotics": (228, 298),
+        "OpenSYMORO": (256, 310),
+        "literature": (238, 253),
+    },
     "puma560": {"SymPyBotics": (325, 431)},
     "ur10": {"SymPyBotics": (338, 444)},
 }
 
 
-def calls(quick: bool, repeats: int, report: Callable[[str], None]) -> list[dict[str, Any]]:
+def calls(
+    quick: bool, repeats: int, report: Callable[[str], None]
+) -> list[dict[str, Any]]:
     """One row for each arm."""
     rows = []
     for case in arms():
@@ -44,7 +50,9 @@ def calls(quick: bool, repeats: int, report: Callable[[str], None]) -> list[dict
 def _row(case: Case, turns: int, repeats: int) -> dict[str, Any]:
     states = case.states(_STATES)
     timers = _ours(case, states, turns) | _theirs(case, states, turns)
-    rounds = interleaved_rounds({name: (turns * _STATES, timer) for name, timer in timers.items()}, repeats)
+    rounds = interleaved_rounds(
+        {name: (turns * _STATES, timer) for name, timer in timers.items()}, repeats
+    )
     both = len(timers) == len(("ours", "theirs"))
     return {
         "robot": case.label,
@@ -66,7 +74,9 @@ def _ours(case: Case, states: States, turns: int) -> dict[str, Timer]:
     torques = np.zeros((_STATES, case.outputs))
     function.calls(given, torques)
     expected = np.einsum("nij,j->ni", case.base.regressor(*states), values)
-    np.testing.assert_allclose(torques, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        torques, expected, rtol=0, atol=1e-11 * np.abs(expected).max()
+    )
     return {"generated": lambda: function.calls(given, torques, turns)}
 
 
@@ -97,7 +107,11 @@ def operations(report: Callable[[str], None]) -> list[dict[str, Any]]:
                 "label": LABELS[name],
                 "additions": sum(counts.get(op, 0) for op in ("ADD", "SUB")),
                 "multiplications": counts.get("MUL", 0),
-                "others": {op.lower(): n for op, n in counts.items() if op not in ("ADD", "SUB", "MUL")},
+                "others": {
+                    op.lower(): n
+                    for op, n in counts.items()
+                    if op not in ("ADD", "SUB", "MUL")
+                },
                 "published": {tool: list(pair) for tool, pair in published.items()},
             }
         )

@@ -19,21 +19,34 @@ _SAMPLES = 1_000_000
 _QUICK_SAMPLES = 20_000
 # W, NumPy's copy of it and the states
 _BYTES_PER_SAMPLE = 2.5 * 6 * 36 * 8 + 4 * 6 * 8
-_POOLS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_POOLS = (
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
 
 _BITS = 400
 _AMPLITUDES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 _STATES = 300
 
 
-def speed(quick: bool, repeats: int, report: Callable[[str], None]) -> list[dict[str, Any]]:
+def speed(
+    quick: bool, repeats: int, report: Callable[[str], None]
+) -> list[dict[str, Any]]:
     """Seconds from states and torques to base parameters, on one thread and on all."""
-    samples = _QUICK_SAMPLES if quick else min(_SAMPLES, int(_free_bytes() / _BYTES_PER_SAMPLE))
+    samples = (
+        _QUICK_SAMPLES
+        if quick
+        else min(_SAMPLES, int(_free_bytes() / _BYTES_PER_SAMPLE))
+    )
     rows = []
     for threads in dict.fromkeys((1, THREADS)):
         report(f"least squares on {threads} threads")
         pools = dict.fromkeys(_POOLS, str(threads))
-        found = probe("least_squares", str(samples), str(repeats), str(threads), environment=pools)
+        found = probe(
+            "least_squares", str(samples), str(repeats), str(threads), environment=pools
+        )
         rows.append({"samples": samples, "threads": threads} | found)
     return rows
 
@@ -59,7 +72,9 @@ def _bad_row(case: Case, amplitude: float) -> dict[str, Any]:
     q = q + rng.uniform(-1, 1, q.shape[1])
     W = base.regressor(q, qd, qdd).reshape(-1, base.rank)
     y = W @ rng.uniform(0.5, 1.5, base.rank)
-    scales = 2.0 ** np.round(np.log2(np.linalg.norm(W, axis=0)))  # powers of two scale without rounding
+    scales = 2.0 ** np.round(
+        np.log2(np.linalg.norm(W, axis=0))
+    )  # powers of two scale without rounding
     truth, scaled = _exact_solution(W, y) * scales, W / scales
     log = {"q": q, "qd": qd, "qdd": qdd, "y": y.reshape(-1, case.outputs)}
     methods = {
@@ -67,8 +82,15 @@ def _bad_row(case: Case, amplitude: float) -> dict[str, Any]:
         "lstsq": np.linalg.lstsq(scaled, y, rcond=None)[0],
         "normal equations": np.linalg.solve(scaled.T @ scaled, scaled.T @ y),
     }
-    errors = {name: float(np.linalg.norm(x - truth) / np.linalg.norm(truth)) for name, x in methods.items()}
-    return {"amplitude": amplitude, "condition": float(np.linalg.cond(scaled)), "errors": errors}
+    errors = {
+        name: float(np.linalg.norm(x - truth) / np.linalg.norm(truth))
+        for name, x in methods.items()
+    }
+    return {
+        "amplitude": amplitude,
+        "condition": float(np.linalg.cond(scaled)),
+        "errors": errors,
+    }
 
 
 def _exact_solution(W: Floats, y: Floats) -> Floats:

@@ -70,10 +70,15 @@ def _facts(facts: dict[str, Any]) -> str:
 
     return _ABOUT.format(
         flags=" ".join(FLAGS),
-        **{name: facts[name] for name in ("date", "cores", "rounds", "cpu", "lanes", "llvm")},
+        **{
+            name: facts[name]
+            for name in ("date", "cores", "rounds", "cpu", "lanes", "llvm")
+        },
         sets=", ".join(facts["instruction_sets"]),
         compilers="; ".join(dict.fromkeys(facts["compilers"].values())),
-        tools=", ".join(f"{name} {version}" for name, version in facts["tools"].items()),
+        tools=", ".join(
+            f"{name} {version}" for name, version in facts["tools"].items()
+        ),
     )
 
 
@@ -87,12 +92,24 @@ def _spread(stored: dict[str, float] | None) -> Spread | None:
 def _regressors(rows: list[dict[str, Any]]) -> str:
     head = ["ns per sample", *(row["robot"] for row in rows)]
     jobs = list(dict.fromkeys(job for row in rows for job in row["ns"]))
-    names = {job: _job(job) for job in sorted(jobs, key=lambda job: list(JOBS).index(job.split(",")[0]))}
-    times = [[text, *(_spread(row["ns"].get(job)) for row in rows)] for job, text in names.items()]
+    names = {
+        job: _job(job)
+        for job in sorted(jobs, key=lambda job: list(JOBS).index(job.split(",")[0]))
+    }
+    times = [
+        [text, *(_spread(row["ns"].get(job)) for row in rows)]
+        for job, text in names.items()
+    ]
     pairs = list(dict.fromkeys(pair for row in rows for pair in row["ratios"]))
-    ratios = [[_pair(pair), *(_spread(row["ratios"].get(pair)) for row in rows)] for pair in pairs]
+    ratios = [
+        [_pair(pair), *(_spread(row["ratios"].get(pair)) for row in rows)]
+        for pair in pairs
+    ]
     sizes = ["samples; dense base W of one sample; its non-zeros; dense base W"]
-    sizes += [f"{r['samples']}; {r['shape'][0]} × {r['shape'][1]}; {r['entries']}; {r['megabytes']} MB" for r in rows]
+    sizes += [
+        f"{r['samples']}; {r['shape'][0]} × {r['shape'][1]}; {r['entries']}; {r['megabytes']} MB"
+        for r in rows
+    ]
     skipped = list(dict.fromkeys(text for row in rows for text in row["skipped"]))
     notes = "".join(f"\n\nLeft out: {text}." for text in skipped)
     return (
@@ -119,10 +136,19 @@ def _calls(rows: list[dict[str, Any]]) -> str:
     from anchors.generated_c import FLAGS
 
     cells = [
-        [r["robot"], _spread(r["ns"].get("generated")), _spread(r["ns"].get("rnea")), _spread(r["ratio"])] for r in rows
+        [
+            r["robot"],
+            _spread(r["ns"].get("generated")),
+            _spread(r["ns"].get("rnea")),
+            _spread(r["ratio"]),
+        ]
+        for r in rows
     ]
     head = ["robot", "generated C", "Pinocchio C++ RNEA", "times as fast"]
-    notes = "".join(f"\n\nLeft out: {text}." for text in dict.fromkeys(t for row in rows for t in row["skipped"]))
+    notes = "".join(
+        f"\n\nLeft out: {text}."
+        for text in dict.fromkeys(t for row in rows for t in row["skipped"])
+    )
     about = _ABOUT_DYNAMICS.format(flags=" ".join(FLAGS))
     return f"### Inverse dynamics, one call\n\n{about}{notes}\n\n{table(head, cells)}"
 
@@ -133,7 +159,13 @@ def _operations(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         published = (row["published"].get(tool) for tool in tools)
         ours = f"{row['additions']} / {row['multiplications']}"
-        cells.append([row["label"], ours, *(pair and f"{pair[0]} / {pair[1]}" for pair in published)])
+        cells.append(
+            [
+                row["label"],
+                ours,
+                *(pair and f"{pair[0]} / {pair[1]}" for pair in published),
+            ]
+        )
     return f"### Operations of inverse dynamics\n\n{_ABOUT_OPERATIONS}\n\n{table(['robot', 'Echelon', *tools], cells)}"
 
 
@@ -142,13 +174,23 @@ def _to_compiled_c(rows: list[dict[str, Any]]) -> str:
     if skipped := [row["skipped"] for row in rows if "skipped" in row]:
         return f"{title}\n\nLeft out: {skipped[0]}."
     parts = list(rows[0]["seconds"])
-    cells = [[row["robot"], *(Times(**row["seconds"][part]) for part in parts)] for row in rows]
+    cells = [
+        [row["robot"], *(Times(**row["seconds"][part]) for part in parts)]
+        for row in rows
+    ]
     return f"{title}\n\n{table(['robot', *parts], cells)}"
 
 
 def _first_uses(rows: list[dict[str, Any]]) -> str:
-    head = ["first use", "compiled, a fresh process", "from the cache, a running process"]
-    cells = [[r["what"], *(Times(**r["seconds"][state]) for state in ("cold", "cached"))] for r in rows]
+    head = [
+        "first use",
+        "compiled, a fresh process",
+        "from the cache, a running process",
+    ]
+    cells = [
+        [r["what"], *(Times(**r["seconds"][state]) for state in ("cold", "cached"))]
+        for r in rows
+    ]
     return f"### Until a first regressor is there, from base parameters in memory\n\n{table(head, cells)}"
 
 
@@ -156,7 +198,14 @@ def _first_uses(rows: list[dict[str, Any]]) -> str:
 
 
 def _least_squares(rows: list[dict[str, Any]]) -> str:
-    head = ["threads", "samples", "size of W", "fused QR", "fused normal equations", "NumPy lstsq"]
+    head = [
+        "threads",
+        "samples",
+        "size of W",
+        "fused QR",
+        "fused normal equations",
+        "NumPy lstsq",
+    ]
     head += ["times as fast", "extra memory", "difference"]
     cells = [
         [
@@ -176,13 +225,24 @@ def _least_squares(rows: list[dict[str, Any]]) -> str:
 def _bad_data(rows: list[dict[str, Any]]) -> str:
     methods = list(rows[0]["errors"])
     cells = [
-        [short(r["amplitude"]), short(r["condition"]), *(short(r["errors"][name]) for name in methods)] for r in rows
+        [
+            short(r["amplitude"]),
+            short(r["condition"]),
+            *(short(r["errors"][name]) for name in methods),
+        ]
+        for r in rows
     ]
     return f"### Bad data, UR10\n\n{_ABOUT_BAD}\n\n{table(['amplitude', 'condition of W', *methods], cells)}"
 
 
 def _accuracy(rows: list[dict[str, Any]]) -> str:
-    head = ["robot", "base W", "standard W", "outputs", "same on one thread and several"]
+    head = [
+        "robot",
+        "base W",
+        "standard W",
+        "outputs",
+        "same on one thread and several",
+    ]
     cells = [
         [
             r["robot"],

@@ -49,9 +49,13 @@ RATIOS = (
 )
 
 
-def measured(quick: bool, repeats: int, report: Callable[[str], None]) -> list[dict[str, Any]]:
+def measured(
+    quick: bool, repeats: int, report: Callable[[str], None]
+) -> list[dict[str, Any]]:
     """One row for each robot."""
-    return [_row(case, quick, repeats) for case in _announced([*arms(), humanoid()], report)]
+    return [
+        _row(case, quick, repeats) for case in _announced([*arms(), humanoid()], report)
+    ]
 
 
 def _announced(cases: Iterable[Case], report: Callable[[str], None]) -> Iterable[Case]:
@@ -86,9 +90,15 @@ def _ratios(rounds: Rounds) -> dict[str, dict[str, float]]:
     found = {}
     for slower, faster in RATIOS:
         for threads in _THREADS:
-            names = [name for name in (f"{slower}, {threads}", f"{faster}, {threads}") if name in rounds.seconds]
+            names = [
+                name
+                for name in (f"{slower}, {threads}", f"{faster}, {threads}")
+                if name in rounds.seconds
+            ]
             if len(names) == len((slower, faster)):
-                found[f"{slower} : {faster}, {threads}"] = rounds.ratio(*names).as_dict()
+                found[f"{slower} : {faster}, {threads}"] = rounds.ratio(
+                    *names
+                ).as_dict()
     return found
 
 
@@ -109,11 +119,31 @@ def _timers(case: Case, samples: int) -> Timers:
     for text, t in _THREADS.items():
         # jobs whose ratio counts stand side by side
         jobs: Timers = {
-            "dense": (samples, timed(lambda t=t: base.regressor(*states, out=dense, threads=t))),
+            "dense": (
+                samples,
+                timed(lambda t=t: base.regressor(*states, out=dense, threads=t)),
+            ),
             **_pinocchio(case, states, standard, t),
-            "entries": (samples, timed(lambda t=t: base.regressor_entries(*states, out=entries, threads=t))),
-            "standard": (samples, timed(lambda t=t: base.standard_regressor(*states, out=standard, threads=t))),
-            "predict": (samples, timed(lambda t=t: base.predict(*states, values, out=torques, threads=t))),
+            "entries": (
+                samples,
+                timed(
+                    lambda t=t: base.regressor_entries(*states, out=entries, threads=t)
+                ),
+            ),
+            "standard": (
+                samples,
+                timed(
+                    lambda t=t: base.standard_regressor(
+                        *states, out=standard, threads=t
+                    )
+                ),
+            ),
+            "predict": (
+                samples,
+                timed(
+                    lambda t=t: base.predict(*states, values, out=torques, threads=t)
+                ),
+            ),
             **(_rnea(case, states, torques) if t == 1 else {}),
             **_write(case, dense, t),
             "fresh": (samples, timed(lambda t=t: base.regressor(*states, threads=t))),
@@ -129,7 +159,11 @@ def _job(name: str, samples: int, timer: Timer) -> tuple[int, Timer]:
 
 def _pinocchio(case: Case, states: States, out: Floats, threads: int) -> Timers:
     robot, theirs = case.cpp, case.theirs(states)
-    return {"pinocchio": (len(out), lambda: robot.regressor(theirs, out, threads))} if robot else {}
+    return (
+        {"pinocchio": (len(out), lambda: robot.regressor(theirs, out, threads))}
+        if robot
+        else {}
+    )
 
 
 def _rnea(case: Case, states: States, out: Floats) -> Timers:
@@ -138,7 +172,11 @@ def _rnea(case: Case, states: States, out: Floats) -> Timers:
 
 
 def _write(case: Case, out: Floats, threads: int) -> Timers:
-    return {"write": (len(out), lambda: write_seconds(out.reshape(-1), threads))} if case.cpp else {}
+    return (
+        {"write": (len(out), lambda: write_seconds(out.reshape(-1), threads))}
+        if case.cpp
+        else {}
+    )
 
 
 def _figaroh(case: Case, states: States) -> Timers:

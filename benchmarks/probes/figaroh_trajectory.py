@@ -24,7 +24,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from figaroh.optimal.base_optimal_trajectory import BaseOptimalTrajectory, BaseTrajectoryIPOPTProblem
+from figaroh.optimal.base_optimal_trajectory import (
+    BaseOptimalTrajectory,
+    BaseTrajectoryIPOPTProblem,
+)
 from pinocchio.robot_wrapper import RobotWrapper
 
 STATUS = {0: "converged", 1: "acceptable", -1: "iteration limit"}
@@ -66,16 +69,24 @@ def search(robot: RobotWrapper, folder: Path) -> _Search:
     }
     settings = folder / "figaroh.yaml"
     properties = {"joints": {"active_joints": joints}}
-    settings.write_text(json.dumps({"robot": {"name": "robot", "properties": properties}, "tasks": tasks}))
+    settings.write_text(
+        json.dumps(
+            {"robot": {"name": "robot", "properties": properties}, "tasks": tasks}
+        )
+    )
     made = _Search(robot, joints, str(settings))
-    made.identif_config["act_idxv"] = list(range(robot.model.nv))  # its examples set it in this way, too
+    made.identif_config["act_idxv"] = list(
+        range(robot.model.nv)
+    )  # its examples set it in this way, too
     made.initialize()
     return made
 
 
 def columns(made: _Search, count: int) -> list[int]:
     """Where the base columns stand among all."""
-    return [int(column) for column in np.delete(np.arange(count), made.idx_e)[made.idx_b]]
+    return [
+        int(column) for column in np.delete(np.arange(count), made.idx_e)[made.idx_b]
+    ]
 
 
 def measured(urdf: str, reach: float, seed: int) -> dict[str, Any]:
@@ -87,9 +98,14 @@ def measured(urdf: str, reach: float, seed: int) -> dict[str, Any]:
         made = search(robot, Path(folder))
         found = made.solve(stack_reps=1)
         seconds = perf_counter() - begun
-    states = [[np.asarray(part).tolist() for part in found[key]] for key in ("P_F", "V_F", "A_F")]
+    states = [
+        [np.asarray(part).tolist() for part in found[key]]
+        for key in ("P_F", "V_F", "A_F")
+    ]
     code = int(made.said["status"])
-    counted = made.said["iteration_data"]["iterations"]  # from 0 on, and again where it restores feasibility
+    counted = made.said["iteration_data"][
+        "iterations"
+    ]  # from 0 on, and again where it restores feasibility
     return {
         "seconds": seconds,
         "status": STATUS.get(code, f"IPOPT's code {code}"),

@@ -22,7 +22,11 @@ def main() -> None:
     if "--running" in sys.argv:  # another robot has started the compiler before
         _use(ec.base_parameters(ec.load(find_urdf("so100.urdf"))))
     arm = name == "panda"
-    mechanism = panda().exact() if arm else ec.load(find_urdf("talos_reduced.urdf"), floating=True)
+    mechanism = (
+        panda().exact()
+        if arm
+        else ec.load(find_urdf("talos_reduced.urdf"), floating=True)
+    )
     base = ec.base_parameters(mechanism)
     start = perf_counter()
     _use(base)
@@ -35,7 +39,9 @@ def _use(base: ec.BaseModel) -> None:
     for motion in base.mechanism.motions:
         if len(motion.positions) > 1:  # a unit quaternion
             first = base.mechanism.positions.index(motion.positions[0])
-            q[:, first : first + 4] /= np.linalg.norm(q[:, first : first + 4], axis=1, keepdims=True)
+            q[:, first : first + 4] /= np.linalg.norm(
+                q[:, first : first + 4], axis=1, keepdims=True
+            )
     qd, qdd = rng.uniform(-1, 1, (2, STATES, len(base.mechanism.velocities)))
     base.regressor(q, qd, qdd)
 

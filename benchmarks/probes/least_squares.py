@@ -56,15 +56,29 @@ def main() -> None:
 
     jobs = {"fused": timed(fused), "lstsq": timed(lstsq), "gram": timed(fused_gram)}
     rounds = interleaved_rounds({name: (1, job) for name, job in jobs.items()}, repeats)
-    print(json.dumps(_results(rounds, found["lstsq"], fused(), stacked) | {"megabytes": grown}))
+    print(
+        json.dumps(
+            _results(rounds, found["lstsq"], fused(), stacked) | {"megabytes": grown}
+        )
+    )
 
 
-def _results(rounds: Rounds, expected: Floats, ours: Floats, stacked: Floats) -> dict[str, Any]:
-    scales = np.sqrt(np.einsum("ij,ij->j", stacked, stacked))  # parameters have several units
+def _results(
+    rounds: Rounds, expected: Floats, ours: Floats, stacked: Floats
+) -> dict[str, Any]:
+    scales = np.sqrt(
+        np.einsum("ij,ij->j", stacked, stacked)
+    )  # parameters have several units
     return {
-        "seconds": {name: rounds.per_sample(name).scaled(1e-9).as_dict() for name in rounds.seconds},
+        "seconds": {
+            name: rounds.per_sample(name).scaled(1e-9).as_dict()
+            for name in rounds.seconds
+        },
         "ratio": rounds.ratio("lstsq", "fused").as_dict(),
-        "difference": float(np.linalg.norm(scales * (ours - expected)) / np.linalg.norm(scales * expected)),
+        "difference": float(
+            np.linalg.norm(scales * (ours - expected))
+            / np.linalg.norm(scales * expected)
+        ),
         "W_gigabytes": round(stacked.nbytes / 1e9, 2),
     }
 
@@ -82,7 +96,9 @@ def memory_growth(job: Callable[[], Any]) -> float | None:
 
 
 def _kilobytes(name: str) -> int:
-    line = next(line for line in _STATUS.read_text().splitlines() if line.startswith(name))
+    line = next(
+        line for line in _STATUS.read_text().splitlines() if line.startswith(name)
+    )
     return int(line.split()[1])
 
 

@@ -64,8 +64,14 @@ excitation:
 def mjcf(real: bool) -> str:
     """The arm as its maker thinks it is, or as it is."""
     rng, opened = np.random.default_rng(7), ""
-    for name, (at, axis, mass, centre, inertia), viscous, coulomb in zip(JOINTS, BODIES, VISCOUS, COULOMB, strict=True):
-        friction = f'damping="{viscous}" frictionloss="{coulomb}" solreffriction="0.001 1"' if real else ""
+    for name, (at, axis, mass, centre, inertia), viscous, coulomb in zip(
+        JOINTS, BODIES, VISCOUS, COULOMB, strict=True
+    ):
+        friction = (
+            f'damping="{viscous}" frictionloss="{coulomb}" solreffriction="0.001 1"'
+            if real
+            else ""
+        )
         factors = rng.uniform(0.8, 1.2, 7) if real else np.ones(7)
         m, c, moments = mass * factors[0], centre * factors[1:4], inertia * factors[4:]
         opened += (
@@ -93,7 +99,9 @@ def run(trajectory: ec.Trajectory, path: Path, noise: int | None) -> Path:
         k = round(2 * now.time / step)
         model.qpos[:], model.qvel[:], model.qacc[:] = q[k], qd[k], qdd[k]
         mujoco.mj_inverse(maker, model)  # computed torque, by what the maker says
-        now.ctrl[:] = model.qfrc_inverse + EFFORT * (5 * (q[k] - now.qpos) + 0.3 * (qd[k] - now.qvel))
+        now.ctrl[:] = model.qfrc_inverse + EFFORT * (
+            5 * (q[k] - now.qpos) + 0.3 * (qd[k] - now.qvel)
+        )
         now.qfrc_applied[:] = COGGING * COULOMB * np.sin(20 * now.qpos)
 
     state.qpos[:], state.qvel[:] = q[0], qd[0]
@@ -108,8 +116,14 @@ def run(trajectory: ec.Trajectory, path: Path, noise: int | None) -> Path:
     log = np.array(rows)
     if noise is not None:
         rng = np.random.default_rng(noise)
-        log[:, 1:] += np.append(np.full(6, 1e-6), NOISE) * rng.standard_normal((len(log), 12))
-    names = ["time", *(f"q_{k}" for k in range(1, 7)), *(f"tau_{k}" for k in range(1, 7))]
+        log[:, 1:] += np.append(np.full(6, 1e-6), NOISE) * rng.standard_normal(
+            (len(log), 12)
+        )
+    names = [
+        "time",
+        *(f"q_{k}" for k in range(1, 7)),
+        *(f"tau_{k}" for k in range(1, 7)),
+    ]
     np.savetxt(path, log, delimiter=",", header=",".join(names), comments="")
     return path
 
@@ -119,14 +133,19 @@ def within_limits(coefficients: Floats) -> ec.Trajectory:
     basis = Fourier(PERIOD, (len(coefficients) - 1) // 2)
     t = np.linspace(0, PERIOD, 2000)
     limits = POSITION, VELOCITY, ACCELERATION
-    reached = [np.abs(basis.motion(t, coefficients, order)).max(axis=0) / limits[order] for order in range(3)]
+    reached = [
+        np.abs(basis.motion(t, coefficients, order)).max(axis=0) / limits[order]
+        for order in range(3)
+    ]
     scaled = 0.98 * coefficients / np.max(reached, axis=0)
     return ec.Trajectory(tuple(JOINTS), ("rad",) * 6, basis, scaled)
 
 
 def random_motion(seed: int) -> ec.Trajectory:
     """Five harmonics at random."""
-    return within_limits(np.vstack([np.zeros(6), np.random.default_rng(seed).normal(size=(10, 6))]))
+    return within_limits(
+        np.vstack([np.zeros(6), np.random.default_rng(seed).normal(size=(10, 6))])
+    )
 
 
 def sines() -> ec.Trajectory:
@@ -149,20 +168,44 @@ def main() -> None:
         (folder / "setup.yaml").write_text(SETUP)
         setup = ec.load_setup(folder / "setup.yaml")
         found = ec.exciting_trajectory(setup, starts=4, seed=1)
-        print(f"{found.base.rank} base parameters of {len(found.base.mechanism.parameters)}")
-        print(f"safe: {found.safe}; at their limits: {', '.join(margin.label for margin in found.active)}")
-        truth, predicted = true_values(found.base, folder), np.array(found.conditioning.std)
+        print(
+            f"{found.base.rank} base parameters of {len(found.base.mechanism.parameters)}"
+        )
+        print(
+            f"safe: {found.safe}; at their limits: {', '.join(margin.label for margin in found.active)}"
+        )
+        truth, predicted = (
+            true_values(found.base, folder),
+            np.array(found.conditioning.std),
+        )
         fresh = run(random_motion(99), folder / "fresh.csv", None)
-        print("\ntrajectory   log det   scaled condition   deviations: predicted   found   errors   prediction")
-        for kind, trajectory in (("excited", found.trajectory), ("random", random_motion(1)), ("sines", sines())):
+        print(
+            "\ntrajectory   log det   scaled condition   deviations: predicted   found   errors   prediction"
+        )
+        for kind, trajectory in (
+            ("excited", found.trajectory),
+            ("random", random_motion(1)),
+            ("sines", sines()),
+        ):
             shown = ec.judged_trajectory(setup, trajectory).conditioning
-            result = ec.identify(setup, [run(trajectory, folder / f"{kind}.csv", 0)], validate_on=[fresh])
-            mean = [typical(some / predicted) for some in (shown.std, result.estimate.std)]
+            result = ec.identify(
+                setup, [run(trajectory, folder / f"{kind}.csv", 0)], validate_on=[fresh]
+            )
+            mean = [
+                typical(some / predicted) for some in (shown.std, result.estimate.std)
+            ]
             error = typical((result.estimate.values - truth) / predicted)
-            left = typical([score.rms for score in result.validations[-1].scores] / NOISE)
-            print(f"{kind:10}{shown.log_det:10.1f}{shown.scaled_condition:19.1f}{mean[0]:25.2f}{mean[1]:8.2f}", end="")
+            left = typical(
+                [score.rms for score in result.validations[-1].scores] / NOISE
+            )
+            print(
+                f"{kind:10}{shown.log_det:10.1f}{shown.scaled_condition:19.1f}{mean[0]:25.2f}{mean[1]:8.2f}",
+                end="",
+            )
             print(f"{error:9.2f}{left:13.2f}")
-        print(f"no model predicts the cogging itself: {typical(COGGING * COULOMB / NOISE) / np.sqrt(2):.2f}")
+        print(
+            f"no model predicts the cogging itself: {typical(COGGING * COULOMB / NOISE) / np.sqrt(2):.2f}"
+        )
 
 
 def typical(values: Floats) -> float:

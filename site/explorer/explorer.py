@@ -43,10 +43,14 @@ class Changes:
     floating: bool = False
     gravity: str = "file"  # as for :func:`echelon.load`
     zero: tuple[str, ...] = ()  # lengths set to zero
-    equal: tuple[tuple[str, str], ...] = ()  # pairs of lengths, the second set to the first
+    equal: tuple[
+        tuple[str, str], ...
+    ] = ()  # pairs of lengths, the second set to the first
     locked: tuple[str, ...] = ()  # coordinates held at zero
     payload: str = ""  # the link that carries a payload
-    sensors: tuple[str, ...] = ()  # "joints", "base", names of links whose wrench is measured; none for the file's
+    sensors: tuple[
+        str, ...
+    ] = ()  # "joints", "base", names of links whose wrench is measured; none for the file's
     effects: tuple[str, ...] = ()  # kinds of effects in every drive
     order: str = "base-to-tip"
     prefer: tuple[str, ...] = ()  # parameters or kinds wanted as representatives
@@ -55,7 +59,9 @@ class Changes:
     def of(cls, data: dict[str, Any]) -> Changes:
         """From JSON, where tuples are lists."""
         known = {field.name for field in fields(cls)}
-        return cls(**{name: _frozen(value) for name, value in data.items() if name in known})
+        return cls(
+            **{name: _frozen(value) for name, value in data.items() if name in known}
+        )
 
 
 def _frozen(value: Any) -> Any:
@@ -72,7 +78,11 @@ def answer(request: str) -> str:
         name, changes = asked["name"], Changes.of(asked["changes"])
         robot = read(name, asked["text"], changes)
         base = derive(name, asked["text"], changes)
-        reply = written(base, asked["file"]) if asked.get("file") else {**shown(base), **choices(robot)}
+        reply = (
+            written(base, asked["file"])
+            if asked.get("file")
+            else {**shown(base), **choices(robot)}
+        )
     except EchelonError as error:
         reply = {"error": f"echelon: {one_line(str(error))}"}
     return json.dumps(reply)
@@ -83,11 +93,20 @@ def read(name: str, text: str, changes: Changes) -> Mechanism:
     """The robot of a file as it is read: floating or not, in its gravity."""
     file = RobotFile.of(text.encode(), name)
     if file.is_linear_model:
-        raise InputError("this is a linear model; the explorer shows robots", source=name)
+        raise InputError(
+            "this is a linear model; the explorer shows robots", source=name
+        )
     if not file.is_description and file.root.tag == "mujoco":
-        on_a_computer = f'pip install "echelon-robotics[mjcf]", then echelon derive {name}'
-        raise InputError(f"MJCF is read by MuJoCo, which no browser has; on a computer: {on_a_computer}", source=name)
-    return file.mechanism(ReadingOptions(floating=changes.floating, gravity=changes.gravity))
+        on_a_computer = (
+            f'pip install "echelon-robotics[mjcf]", then echelon derive {name}'
+        )
+        raise InputError(
+            f"MJCF is read by MuJoCo, which no browser has; on a computer: {on_a_computer}",
+            source=name,
+        )
+    return file.mechanism(
+        ReadingOptions(floating=changes.floating, gravity=changes.gravity)
+    )
 
 
 @lru_cache(maxsize=16)
@@ -110,15 +129,26 @@ def changed(robot: Mechanism, changes: Changes) -> Mechanism:
     if changes.sensors:
         robot = _with_sensors(robot, changes.sensors)
     if changes.effects:
-        robot = replace(robot, effects=(*robot.effects, *_effects(robot, changes.effects)))
+        robot = replace(
+            robot, effects=(*robot.effects, *_effects(robot, changes.effects))
+        )
     return robot
 
 
 def _with_lengths(robot: Mechanism, changes: Changes) -> Mechanism:
     known = lengths(robot)
-    unknown = next((n for n in (*changes.zero, *(n for pair in changes.equal for n in pair)) if n not in known), None)
+    unknown = next(
+        (
+            n
+            for n in (*changes.zero, *(n for pair in changes.equal for n in pair))
+            if n not in known
+        ),
+        None,
+    )
     if unknown is not None:
-        raise InputError(f"there is no length '{unknown}' (valid: {', '.join(known) or 'none'})")
+        raise InputError(
+            f"there is no length '{unknown}' (valid: {', '.join(known) or 'none'})"
+        )
     values = {name: Polynomial({}) for name in changes.zero}
     for first, second in changes.equal:
         values[second] = values.get(first, Polynomial.generator(first))
@@ -127,9 +157,22 @@ def _with_lengths(robot: Mechanism, changes: Changes) -> Mechanism:
 
 def lengths(robot: Mechanism) -> list[str]:
     """Symbols that occur in translations of joints, base to tip."""
-    steps = [step for body in robot.bodies for step in body.joint.steps if isinstance(step, Placement)]
-    found = [name for step in steps for entry in step.translation for name in entry.symbols()]
-    angles = {name for step in steps for row in step.rotation for entry in row for name in entry.symbols()}
+    steps = [
+        step
+        for body in robot.bodies
+        for step in body.joint.steps
+        if isinstance(step, Placement)
+    ]
+    found = [
+        name for step in steps for entry in step.translation for name in entry.symbols()
+    ]
+    angles = {
+        name
+        for step in steps
+        for row in step.rotation
+        for entry in row
+        for name in entry.symbols()
+    }
     return [name for name in dict.fromkeys(found) if name not in angles]
 
 
@@ -153,17 +196,35 @@ def _with_sensors(robot: Mechanism, sensors: Sequence[str]) -> Mechanism:
     free = _base_coordinates(robot)
     own = {
         "joints": [output for output in every.outputs if output.name not in free],
-        "base": [output for output in every.outputs if output.name in free] or list(_wrench("base", GROUND)),
+        "base": [output for output in every.outputs if output.name in free]
+        or list(_wrench("base", GROUND)),
     }
-    links = {name: list(_wrench(name, _link(robot, name))) for name in sensors if name not in own}
-    chosen = [output for name, some in {**own, **links}.items() if name in sensors for output in some]
-    return every if set(chosen) == set(every.outputs) else replace(robot, measured=tuple(chosen))
+    links = {
+        name: list(_wrench(name, _link(robot, name)))
+        for name in sensors
+        if name not in own
+    }
+    chosen = [
+        output
+        for name, some in {**own, **links}.items()
+        if name in sensors
+        for output in some
+    ]
+    return (
+        every
+        if set(chosen) == set(every.outputs)
+        else replace(robot, measured=tuple(chosen))
+    )
 
 
 def _base_coordinates(robot: Mechanism) -> set[str]:
     """Velocities of a floating base."""
     joint = robot.bodies[0].joint
-    return {name for motion in joint.motions for name in motion.velocities} if joint.kind == "floating" else set()
+    return (
+        {name for motion in joint.motions for name in motion.velocities}
+        if joint.kind == "floating"
+        else set()
+    )
 
 
 def _wrench(name: str, body: int) -> Iterator[Output]:
@@ -180,7 +241,13 @@ def _effects(robot: Mechanism, kinds: Sequence[str]) -> Iterator[Effect]:
         for drive in robot.transmission.actuators:
             if drive.name not in free:
                 label = effect_label(robot, drive.name)
-                yield from ready_made(kind, drive.name, Side.ACTUATOR, label, sliding=slides(robot, drive.name))
+                yield from ready_made(
+                    kind,
+                    drive.name,
+                    Side.ACTUATOR,
+                    label,
+                    sliding=slides(robot, drive.name),
+                )
 
 
 # -- what the page shows -----------------------------------------------------------------------------------------------
@@ -190,9 +257,16 @@ def choices(robot: Mechanism) -> dict[str, Any]:
     """What can be changed of a robot."""
     known = robot.symbols
     return {
-        "joints": [motion.name for motion in robot.motions if motion.name in robot.independent_velocities],
+        "joints": [
+            motion.name
+            for motion in robot.motions
+            if motion.name in robot.independent_velocities
+        ],
         "links": [body.name for body in robot.bodies],
-        "lengths": [[name, known[name].value if name in known else None] for name in lengths(robot)],
+        "lengths": [
+            [name, known[name].value if name in known else None]
+            for name in lengths(robot)
+        ],
     }
 
 
@@ -208,11 +282,24 @@ def shown(base: BaseModel) -> dict[str, Any]:
         "kinds": list(PARAMETERS),
         "classes": {name: CLASSES[kind] for name, kind in base.classification.items()},
         "bodies": [
-            {"index": b.index, "label": b.label, "name": b.name, "cells": b.cells, "level": b.level, "words": b.words}
+            {
+                "index": b.index,
+                "label": b.label,
+                "name": b.name,
+                "cells": b.cells,
+                "level": b.level,
+                "words": b.words,
+            }
             for b in seen_bodies(base)
         ],
         "forms": [
-            {"name": form.name, "text": str(form), "latex": form.latex, "unit": form.unit, "body": owner[form.name]}
+            {
+                "name": form.name,
+                "text": str(form),
+                "latex": form.latex,
+                "unit": form.unit,
+                "body": owner[form.name],
+            }
             for form in base.expressions
         ],
         "facts": facts(base),
@@ -225,12 +312,17 @@ def picture(robot: Mechanism) -> dict[str, Any] | None:
     pose = drawable_pose(robot)
     if pose is None:
         return None
-    moved = [body.joint.motions[0].kind if body.joint.motions else None for body in robot.bodies]
+    moved = [
+        body.joint.motions[0].kind if body.joint.motions else None
+        for body in robot.bodies
+    ]
     return {
         "parents": [body.parent for body in robot.bodies],
         "origins": pose.origins.tolist(),
         "axes": pose.axes.tolist(),
-        "joints": ["fixed" if kind is None else _DRAWN.get(kind, "turn") for kind in moved],
+        "joints": [
+            "fixed" if kind is None else _DRAWN.get(kind, "turn") for kind in moved
+        ],
         "up": pose.up.tolist(),
     }
 

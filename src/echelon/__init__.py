@@ -10,8 +10,14 @@ BaseModel(panda: 43 base parameters of 70)
 
 def _declared() -> dict[str, str]:
     """Modules by public name, from the lines ``from module import name as name`` of the stub beside this file."""
-    stub = __loader__.get_data(f"{__file__.removesuffix('c')}i").decode()  # this file may be there compiled only
-    return {words[3]: words[1] for words in map(str.split, stub.splitlines()) if words[:1] == ["from"]}
+    stub = __loader__.get_data(
+        f"{__file__.removesuffix('c')}i"
+    ).decode()  # this file may be there compiled only
+    return {
+        words[3]: words[1]
+        for words in map(str.split, stub.splitlines())
+        if words[:1] == ["from"]
+    }
 
 
 _HOME = _declared()

@@ -37,7 +37,9 @@ from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory
 from echelon.excite.files.trajectory_file import read_trajectory as read_trajectory
 from echelon.excite.files.trajectory_file import write_trajectory as write_trajectory
-from echelon.excite.problem.prior_model import information_of_logs as information_of_logs
+from echelon.excite.problem.prior_model import (
+    information_of_logs as information_of_logs,
+)
 from echelon.excite.problem.trajectory import Trajectory as Trajectory
 from echelon.formats.linear_document import load_linear as load_linear
 from echelon.formats.robot_file import load as load

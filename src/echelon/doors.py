@@ -57,7 +57,16 @@ def public(target: Public) -> Public:
 
 def _hash_of_fields(value: Any) -> int:
     """The hash of those fields that have one; mappings and arrays have none."""
-    return hash((type(value), *(_hash_or_none(getattr(value, field.name)) for field in fields(value) if field.compare)))
+    return hash(
+        (
+            type(value),
+            *(
+                _hash_or_none(getattr(value, field.name))
+                for field in fields(value)
+                if field.compare
+            ),
+        )
+    )
 
 
 def _hash_or_none(value: object) -> int | None:
@@ -88,20 +97,36 @@ class _Door:
     def parameters(self) -> tuple[str, ...]:
         """Names of the arguments that may be given by place."""
         by_place = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
-        return tuple(p.name for p in signature(self.function).parameters.values() if p.kind in by_place)
+        return tuple(
+            p.name
+            for p in signature(self.function).parameters.values()
+            if p.kind in by_place
+        )
 
     @cached_property
     def kinds(self) -> dict[str, Kind]:
         """The check of each argument."""
         given = signature(self.function).parameters.values()
-        named = [p for p in given if p.kind not in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)]
-        found = {p.name: self._kind(p.annotation) for p in named if p.annotation is not Parameter.empty}
+        named = [
+            p
+            for p in given
+            if p.kind not in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
+        ]
+        found = {
+            p.name: self._kind(p.annotation)
+            for p in named
+            if p.annotation is not Parameter.empty
+        }
         return {name: kind for name, kind in found.items() if kind is not None}
 
     def _kind(self, annotation: Any) -> Kind | None:
         try:
             # the annotation is a text of our own source
-            meant = eval(annotation, self.function.__globals__) if isinstance(annotation, str) else annotation
+            meant = (
+                eval(annotation, self.function.__globals__)
+                if isinstance(annotation, str)
+                else annotation
+            )
         except (NameError, AttributeError):  # imported for type checkers only
             return None
         return kind_of(meant)
@@ -110,7 +135,11 @@ class _Door:
         for name, value in (*zip(self.parameters, args, strict=False), *kwargs.items()):
             kind = self.kinds.get(name)
             if kind is not None and not kind.accepts(value):
-                found = f"{type(value).__name__} {shortened(repr(value), 40)}" if value is not None else "None"
+                found = (
+                    f"{type(value).__name__} {shortened(repr(value), 40)}"
+                    if value is not None
+                    else "None"
+                )
                 element = f"argument '{name}' of {self.function.__name__.strip('_')}"
                 raise InputError(f"needs {kind.words}; found {found}", element=element)
 
@@ -133,31 +162,49 @@ def kind_of(annotation: Any) -> Kind | None:
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
         others = [part for part in parts if part not in _ARRAY_LIKE]
-        arrays = len(parts) - len(others) == len(_ARRAY_LIKE)  # a union that holds all of them, itself a union
-        kinds = [_ARRAY, *map(kind_of, others)] if arrays else [kind_of(part) for part in parts]
+        arrays = len(parts) - len(others) == len(
+            _ARRAY_LIKE
+        )  # a union that holds all of them, itself a union
+        kinds = (
+            [_ARRAY, *map(kind_of, others)]
+            if arrays
+            else [kind_of(part) for part in parts]
+        )
         known = [kind for kind in kinds if kind is not None]
         return _any_of(known) if len(known) == len(kinds) else None
     if origin is Annotated:
         return _at_least(kind_of(parts[0]), parts[1:])
     if origin is Literal:
         return Kind(
-            f"one of {', '.join(map(repr, parts))}", lambda value: isinstance(value, Hashable) and value in parts
+            f"one of {', '.join(map(repr, parts))}",
+            lambda value: isinstance(value, Hashable) and value in parts,
         )
     if isinstance(origin, type):
         return _PLAIN.get(origin) or _container(origin, parts)
-    return _PLAIN.get(annotation, _instance(annotation)) if isinstance(annotation, type) else None
+    return (
+        _PLAIN.get(annotation, _instance(annotation))
+        if isinstance(annotation, type)
+        else None
+    )
 
 
 def _any_of(kinds: Sequence[Kind]) -> Kind:
     words = list(dict.fromkeys(kind.words for kind in kinds))
-    return Kind(" or ".join(words), lambda value: any(kind.accepts(value) for kind in kinds))
+    return Kind(
+        " or ".join(words), lambda value: any(kind.accepts(value) for kind in kinds)
+    )
 
 
 def _at_least(kind: Kind | None, bounds: Iterable[Any]) -> Kind | None:
-    least = max((bound.least for bound in bounds if isinstance(bound, AtLeast)), default=None)
+    least = max(
+        (bound.least for bound in bounds if isinstance(bound, AtLeast)), default=None
+    )
     if kind is None or least is None:
         return kind
-    return Kind(f"{kind.words} from {least:g}", lambda value: kind.accepts(value) and value >= least)
+    return Kind(
+        f"{kind.words} from {least:g}",
+        lambda value: kind.accepts(value) and value >= least,
+    )
 
 
 def _container(origin: type, parts: tuple[Any, ...]) -> Kind | None:
@@ -167,11 +214,21 @@ def _container(origin: type, parts: tuple[Any, ...]) -> Kind | None:
     if issubclass(origin, Mapping):
         named = [kind.words if kind else "anything" for kind in inner]
         words = f"a mapping of {' to '.join(named)}" if named else "a mapping"
-        return Kind(words, lambda value: isinstance(value, Mapping) and _all_accepted(inner, value.items()))
+        return Kind(
+            words,
+            lambda value: (
+                isinstance(value, Mapping) and _all_accepted(inner, value.items())
+            ),
+        )
     if issubclass(origin, Iterable) and len(inner) == 1:
         kind = inner[0]
         words = "a list" if kind is None else f"a list, each entry {kind.words}"
-        return Kind(words, lambda value: _is_list(value, origin) and (kind is None or _all_of(kind, value)))
+        return Kind(
+            words,
+            lambda value: (
+                _is_list(value, origin) and (kind is None or _all_of(kind, value))
+            ),
+        )
     return Kind("a function", callable) if origin is _CALLABLE else _instance(origin)
 
 
@@ -185,25 +242,39 @@ def _is_list(value: Any, origin: type) -> bool:
 
 def _all_of(kind: Kind, values: Any) -> bool:
     """Whether each entry is accepted; what can be read once only is left alone."""
-    return all(map(kind.accepts, values)) if isinstance(values, Sequence | np.ndarray) else True
+    return (
+        all(map(kind.accepts, values))
+        if isinstance(values, Sequence | np.ndarray)
+        else True
+    )
 
 
-def _all_accepted(kinds: Sequence[Kind | None], pairs: Iterable[tuple[Any, Any]]) -> bool:
-    return all(kind is None or kind.accepts(part) for pair in pairs for kind, part in zip(kinds, pair, strict=False))
+def _all_accepted(
+    kinds: Sequence[Kind | None], pairs: Iterable[tuple[Any, Any]]
+) -> bool:
+    return all(
+        kind is None or kind.accepts(part)
+        for pair in pairs
+        for kind, part in zip(kinds, pair, strict=False)
+    )
 
 
 def _is_numbers(value: Any) -> bool:
     """Whether NumPy makes an array of numbers of it, or of each number of it, such as fractions."""
     try:
         found = value if isinstance(value, np.ndarray) else np.asarray(value)
-        return found.dtype.kind in "biuf" or (found.dtype.kind == "O" and all(map(_is_number, found.flat)))
+        return found.dtype.kind in "biuf" or (
+            found.dtype.kind == "O" and all(map(_is_number, found.flat))
+        )
     except (ValueError, TypeError):
         return False
 
 
 def _is_number(value: Any) -> bool:
     try:
-        return not isinstance(value, bool) and isinstance(value, Real) and not isnan(value)
+        return (
+            not isinstance(value, bool) and isinstance(value, Real) and not isnan(value)
+        )
     except OverflowError:  # a whole number beyond all doubles
         return False
 
@@ -218,7 +289,10 @@ _CALLABLE: Any = get_origin(Callable[..., Any])
 _PLAIN: dict[type, Kind] = {
     NoneType: Kind("None", lambda value: value is None),
     bool: Kind("True or False", lambda value: isinstance(value, bool | np.bool_)),
-    int: Kind("a whole number", lambda value: isinstance(value, Integral) and not isinstance(value, bool)),
+    int: Kind(
+        "a whole number",
+        lambda value: isinstance(value, Integral) and not isinstance(value, bool),
+    ),
     float: Kind("a number", _is_number),
     str: Kind("a text", lambda value: isinstance(value, str)),
     os.PathLike: Kind("a path", lambda value: isinstance(value, os.PathLike)),

@@ -34,19 +34,28 @@ class InputError(EchelonError):
         The offending element, e.g. ``joint 'elbow'``.
     """
 
-    def __init__(self, problem: str, *, source: str | None = None, element: str | None = None) -> None:
+    def __init__(
+        self, problem: str, *, source: str | None = None, element: str | None = None
+    ) -> None:
         self.problem, self.source, self.element = problem, source, element
-        super().__init__(one_line(": ".join(part for part in (source, element, problem) if part)))
+        super().__init__(
+            one_line(": ".join(part for part in (source, element, problem) if part))
+        )
 
     def located(self, source: str) -> InputError:
         """The same error with its file named, for readers that learn the file's name last."""
-        return InputError(self.problem, source=self.source or source, element=self.element)
+        return InputError(
+            self.problem, source=self.source or source, element=self.element
+        )
 
 
 def warn_caller(text: str, category: type[Warning]) -> None:
     """Warn at the line outside of this package that led here, however deep the call was."""
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "echelon":
+    while (
+        frame.f_back is not None
+        and frame.f_globals.get("__name__", "").split(".")[0] == "echelon"
+    ):
         frame, level = frame.f_back, level + 1
     warnings.warn(text, category, stacklevel=level)
 

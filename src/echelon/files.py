@@ -33,13 +33,17 @@ class Target:
     """What a path leads to."""
 
     shown: str  # the path as it was given, for messages
-    path: Path  # behind all symbolic links; the path itself where that is no regular file
+    path: (
+        Path  # behind all symbolic links; the path itself where that is no regular file
+    )
     found: os.stat_result | None  # what exists there
 
     @property
     def stream(self) -> bool:
         """Whether content is written into it, rather than put in its place."""
-        return self.found is not None and (not stat.S_ISREG(self.found.st_mode) or _standard(self.found) is not None)
+        return self.found is not None and (
+            not stat.S_ISREG(self.found.st_mode) or _standard(self.found) is not None
+        )
 
 
 def target_of(path: str | os.PathLike[str]) -> Target:
@@ -57,19 +61,26 @@ def target_of(path: str | os.PathLike[str]) -> Target:
         actual = Path(os.path.realpath(path))
         os.stat(actual.parent)
     effective = os.access in os.supports_effective_ids
-    if not os.access(actual.parent if found is None else actual, os.W_OK, effective_ids=effective):
+    if not os.access(
+        actual.parent if found is None else actual, os.W_OK, effective_ids=effective
+    ):
         raise InputError("cannot be written: Permission denied", source=shown)
     return Target(shown, actual, found)
 
 
-def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, private: bool = False) -> None:
+def write_atomically(
+    path: str | os.PathLike[str], content: str | bytes, *, private: bool = False
+) -> None:
     """Write one file as :func:`write_all` does; only its owner can read or write a private one."""
     write_all({Path(path): content}, private=private)
 
 
 def write_all(contents: Mapping[Path, str | bytes], *, private: bool = False) -> None:
     """Write files that belong together, text as UTF-8: none appears before all of them are written."""
-    targets = {target_of(path): text.encode() if isinstance(text, str) else text for path, text in contents.items()}
+    targets = {
+        target_of(path): text.encode() if isinstance(text, str) else text
+        for path, text in contents.items()
+    }
     _check_distinct(targets)
     staged: dict[Target, Path] = {}
     try:
@@ -90,13 +101,18 @@ def written_into(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path
     """Write files into a directory, which is made if need be: all of them or none."""
     if folder.exists() and not folder.is_dir():
         listed = ", ".join(contents)
-        raise InputError(f"is not a directory, and there are several files to write: {listed}", source=str(folder))
+        raise InputError(
+            f"is not a directory, and there are several files to write: {listed}",
+            source=str(folder),
+        )
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"cannot be made: {error.strerror or error}", source=str(folder)) from None
+            raise InputError(
+                f"cannot be made: {error.strerror or error}", source=str(folder)
+            ) from None
         write_all({folder / name: content for name, content in contents.items()})
     except BaseException:
         for parent in made:
@@ -115,7 +131,9 @@ def _naming(shown: str) -> Iterator[None]:
         raise
     except (OSError, ValueError) as error:  # ValueError: a name that no system allows
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be written: {reason}", source=one_line(shown)) from None
+        raise InputError(
+            f"cannot be written: {reason}", source=one_line(shown)
+        ) from None
 
 
 def _check_distinct(targets: Mapping[Target, bytes]) -> None:
@@ -123,7 +141,9 @@ def _check_distinct(targets: Mapping[Target, bytes]) -> None:
     for target in targets:
         other = seen.setdefault(target.path, target)
         if other is not target:
-            raise InputError(f"leads to the same file as {other.shown}", source=target.shown)
+            raise InputError(
+                f"leads to the same file as {other.shown}", source=target.shown
+            )
 
 
 def _standard(found: os.stat_result) -> int | None:
@@ -161,7 +181,10 @@ def _stage(target: Target, content: bytes, private: bool) -> Path:
     mode = 0o600 if private else 0o666
     try:
         # the system applies the user's mask to the mode
-        with _naming(target.shown), os.fdopen(os.open(temporary, _NEW, mode), "wb") as stream:
+        with (
+            _naming(target.shown),
+            os.fdopen(os.open(temporary, _NEW, mode), "wb") as stream,
+        ):
             if target.found is not None and not private:
                 _make_alike(stream.fileno(), target.found)
             stream.write(content)
@@ -187,7 +210,9 @@ def _pour(target: Target, content: bytes) -> None:
     for stream in (sys.stdout, sys.stderr) if number is not None else ():
         stream.flush()
     with _naming(target.shown):
-        descriptor = os.open(target.path, os.O_WRONLY) if number is None else os.dup(number)
+        descriptor = (
+            os.open(target.path, os.O_WRONLY) if number is None else os.dup(number)
+        )
         with os.fdopen(descriptor, "wb") as sink:
             sink.write(content)
 
@@ -233,7 +258,10 @@ def _undisturbed() -> Iterator[None]:
         yield
         return
     names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {number: signal.getsignal(number) for number in (getattr(signal, name) for name in names)}
+    before = {
+        number: signal.getsignal(number)
+        for number in (getattr(signal, name) for name in names)
+    }
     arrived: list[int] = []
     try:
         for number, handler in before.items():

@@ -43,7 +43,9 @@ def in_quotes(names: Iterable[str], most: int = _SHOWN) -> str:
     "'a', 'b' and 1 more"
     """
     every = [f"'{name}'" for name in names]
-    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
+    return ", ".join(every[:most]) + (
+        f" and {len(every) - most} more" if len(every) > most else ""
+    )
 
 
 def unused(name: str, taken: Collection[str]) -> str:

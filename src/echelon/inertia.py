@@ -36,7 +36,9 @@ def parameter_array(values: npt.ArrayLike) -> Floats:
     """Values as an array of floats with ten parameters in the last axis."""
     array = np.asarray(values, dtype=float)
     if array.ndim == 0 or array.shape[-1] != PER_BODY:
-        raise InputError(f"expected {PER_BODY} parameters per body in the last axis, got shape {array.shape}")
+        raise InputError(
+            f"expected {PER_BODY} parameters per body in the last axis, got shape {array.shape}"
+        )
     return array
 
 
@@ -51,7 +53,12 @@ def tensor_and_moment(values: Array) -> tuple[Array, Array, Array]:
 def from_tensor(tensor: Array, moment: Array, mass: Array) -> Array:
     """Standard parameters (..., 10) of an inertia tensor about the frame's origin, first moments and mass."""
     return np.stack(
-        [*(tensor[..., i, j] for i, j in UPPER), *(moment[..., k] for k in range(3)), np.asarray(mass)], axis=-1
+        [
+            *(tensor[..., i, j] for i, j in UPPER),
+            *(moment[..., k] for k in range(3)),
+            np.asarray(mass),
+        ],
+        axis=-1,
     )
 
 
@@ -135,12 +142,18 @@ def factor(values: npt.ArrayLike) -> Floats:
     matrices = pseudo_inertia(array)
     diagonal = np.diagonal(matrices, axis1=-2, axis2=-1)
     if not (np.isfinite(array).all() and (diagonal > 0).all()):
-        raise InputError("a pseudo-inertia is not positive definite: no body has these inertial parameters")
+        raise InputError(
+            "a pseudo-inertia is not positive definite: no body has these inertial parameters"
+        )
     scale: Floats = np.sqrt(diagonal)
     try:
-        unit = np.linalg.cholesky(matrices / (scale[..., :, None] * scale[..., None, :]))
+        unit = np.linalg.cholesky(
+            matrices / (scale[..., :, None] * scale[..., None, :])
+        )
     except np.linalg.LinAlgError:
-        raise InputError("a pseudo-inertia is not positive definite: no body has these inertial parameters") from None
+        raise InputError(
+            "a pseudo-inertia is not positive definite: no body has these inertial parameters"
+        ) from None
     return np.asarray(scale[..., :, None] * unit, dtype=np.float64)
 
 
@@ -153,7 +166,9 @@ def whiten(values: npt.ArrayLike, root: Floats) -> Floats:
 
 def margins(values: npt.ArrayLike, reference: npt.ArrayLike) -> Floats:
     """Smallest eigenvalue of each body's J relative to a reference body's, shape (...); not positive: cannot exist."""
-    return np.asarray(np.linalg.eigvalsh(whiten(values, factor(reference)))[..., 0], dtype=np.float64)
+    return np.asarray(
+        np.linalg.eigvalsh(whiten(values, factor(reference)))[..., 0], dtype=np.float64
+    )
 
 
 _XX, _XY, _XZ, _YY, _YZ, _ZZ, _MX, _MY, _MZ, _M = range(PER_BODY)
@@ -164,15 +179,21 @@ class Convention:
     """One way of writing the inertia of a body."""
 
     shape: tuple[int, ...]  # of one body's numbers
-    read: Callable[[Floats], Floats]  # to standard parameters: shape (..., *shape) to (..., 10)
+    read: Callable[
+        [Floats], Floats
+    ]  # to standard parameters: shape (..., *shape) to (..., 10)
     write: Callable[[Floats], Floats]  # back
-    order: tuple[int, ...] | None = None  # for a linear convention: which standard parameter stands at each place
+    order: tuple[int, ...] | None = (
+        None  # for a linear convention: which standard parameter stands at each place
+    )
     needs_mass: bool = False  # whether it divides by the mass when written
 
 
 def _ordered(*order: int) -> Convention:
     inverse = [order.index(k) for k in range(PER_BODY)]
-    return Convention((PER_BODY,), lambda v: v[..., inverse], lambda v: v[..., list(order)], order)
+    return Convention(
+        (PER_BODY,), lambda v: v[..., inverse], lambda v: v[..., list(order)], order
+    )
 
 
 def _central(inertia: tuple[int, ...], *, about_centre: bool = True) -> Convention:
@@ -182,13 +203,19 @@ def _central(inertia: tuple[int, ...], *, about_centre: bool = True) -> Conventi
     def read(values: Floats) -> Floats:
         mass, centre = values[..., 0], values[..., 1:4]
         moment = mass[..., None] * centre
-        tensor, _, _ = tensor_and_moment(np.concatenate([values[..., inverse], moment, mass[..., None]], axis=-1))
+        tensor, _, _ = tensor_and_moment(
+            np.concatenate([values[..., inverse], moment, mass[..., None]], axis=-1)
+        )
         return from_tensor(tensor + about_centre * _steiner(mass, centre), moment, mass)
 
     def write(values: Floats) -> Floats:
         tensor, centre, mass = _about_centre(values)
-        moments = from_tensor(tensor if about_centre else tensor + _steiner(mass, centre), centre, mass)
-        return np.concatenate([mass[..., None], centre, moments[..., list(inertia)]], axis=-1)
+        moments = from_tensor(
+            tensor if about_centre else tensor + _steiner(mass, centre), centre, mass
+        )
+        return np.concatenate(
+            [mass[..., None], centre, moments[..., list(inertia)]], axis=-1
+        )
 
     return Convention((PER_BODY,), read, write, needs_mass=True)
 
@@ -196,7 +223,9 @@ def _central(inertia: tuple[int, ...], *, about_centre: bool = True) -> Conventi
 def _steiner(mass: Floats, centre: Floats) -> Floats:
     """What the parallel-axis theorem adds for a centre of mass, (..., 3, 3)."""
     square = (centre * centre).sum(axis=-1)[..., None, None] * np.eye(3)
-    added: Floats = mass[..., None, None] * (square - centre[..., :, None] * centre[..., None, :])
+    added: Floats = mass[..., None, None] * (
+        square - centre[..., :, None] * centre[..., None, :]
+    )
     return added
 
 
@@ -208,7 +237,12 @@ def _about_centre(values: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _read_principal(values: Floats) -> Floats:
-    mass, centre, quaternion, moments = values[..., 0], values[..., 1:4], values[..., 4:8], values[..., 8:11]
+    mass, centre, quaternion, moments = (
+        values[..., 0],
+        values[..., 1:4],
+        values[..., 4:8],
+        values[..., 8:11],
+    )
     axes = rotation_of(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
     tensor = axes @ (moments[..., :, None] * np.swapaxes(axes, -1, -2))
     return from_tensor(tensor + _steiner(mass, centre), mass[..., None] * centre, mass)
@@ -217,9 +251,14 @@ def _read_principal(values: Floats) -> Floats:
 def _write_principal(values: Floats) -> Floats:
     tensor, centre, mass = _about_centre(values)
     moments, axes = np.linalg.eigh(tensor)
-    moments, axes = moments[..., ::-1], axes[..., ::-1].copy()  # largest first, as MuJoCo's compiler does
+    moments, axes = (
+        moments[..., ::-1],
+        axes[..., ::-1].copy(),
+    )  # largest first, as MuJoCo's compiler does
     axes[..., :, 2] *= np.linalg.det(axes)[..., None]
-    return np.concatenate([mass[..., None], centre, rotation_quaternion(axes), moments], axis=-1)
+    return np.concatenate(
+        [mass[..., None], centre, rotation_quaternion(axes), moments], axis=-1
+    )
 
 
 def rotation_of(quaternion: Floats) -> Floats:
@@ -295,7 +334,9 @@ def convert(values: npt.ArrayLike, source: str, target: str) -> Floats:
     start, end = convention(source), convention(target)
     array = np.asarray(values, dtype=float)
     if array.shape[array.ndim - len(start.shape) :] != start.shape:
-        raise InputError(f"{source} has numbers of shape {start.shape} per body, got an array of shape {array.shape}")
+        raise InputError(
+            f"{source} has numbers of shape {start.shape} per body, got an array of shape {array.shape}"
+        )
     standard = start.read(array)
     if end.needs_mass:
         _check_mass(standard, target)
@@ -308,7 +349,9 @@ def _check_mass(standard: Floats, target: str) -> None:
     if len(bad):
         place = tuple(int(k) for k in bad[0])
         problem = f"its mass is {masses[place]:g} kg; {target} states a centre of mass, which needs a positive mass"
-        raise InputError(problem, element=f"body {place[0] if len(place) == 1 else place}")
+        raise InputError(
+            problem, element=f"body {place[0] if len(place) == 1 else place}"
+        )
 
 
 @public
@@ -334,20 +377,30 @@ def convert_columns(regressor: npt.ArrayLike, source: str, target: str) -> Float
     for name in (source, target):
         order = convention(name).order
         if order is None:
-            valid = ", ".join(known for known, entry in CONVENTIONS.items() if entry.order)
-            raise InputError(f"no regressor has columns in the convention '{name}' (valid: {valid})")
+            valid = ", ".join(
+                known for known, entry in CONVENTIONS.items() if entry.order
+            )
+            raise InputError(
+                f"no regressor has columns in the convention '{name}' (valid: {valid})"
+            )
         orders.append(order)
     array = np.asarray(regressor, dtype=float)
     if array.ndim == 0 or array.shape[-1] % PER_BODY:
-        raise InputError(f"expected {PER_BODY} columns per body, got an array of shape {array.shape}")
+        raise InputError(
+            f"expected {PER_BODY} columns per body, got an array of shape {array.shape}"
+        )
     blocks = array.reshape(*array.shape[:-1], -1, PER_BODY)
     # a permutation is orthogonal: its inverse transposed, which columns need, is itself
-    permuted: Floats = blocks[..., [orders[0].index(k) for k in orders[1]]].reshape(array.shape)
+    permuted: Floats = blocks[..., [orders[0].index(k) for k in orders[1]]].reshape(
+        array.shape
+    )
     return permuted
 
 
 def convention(name: str) -> Convention:
     """A convention by its name."""
     if name not in CONVENTIONS:
-        raise InputError(f"unknown convention '{name}' (valid: {', '.join(CONVENTIONS)})")
+        raise InputError(
+            f"unknown convention '{name}' (valid: {', '.join(CONVENTIONS)})"
+        )
     return CONVENTIONS[name]

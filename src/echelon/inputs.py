@@ -45,7 +45,9 @@ def read_content(path: str | os.PathLike[str]) -> bytes:
         raise InputError("cannot be read: no such file", source=source) from None
     except (OSError, ValueError) as error:  # ValueError: a name that no system allows
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be read: {reason}", source=shortened(source, _LONGEST_NAME)) from None
+        raise InputError(
+            f"cannot be read: {reason}", source=shortened(source, _LONGEST_NAME)
+        ) from None
     DOCUMENT.check(len(content), source)
     return content
 
@@ -58,7 +60,9 @@ def decoded(content: str | bytes, source: str) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text: {error.reason} at byte {error.start}", source=source) from None
+        raise InputError(
+            f"not UTF-8 text: {error.reason} at byte {error.start}", source=source
+        ) from None
 
 
 def read_document(path: str | os.PathLike[str]) -> str:
@@ -78,10 +82,14 @@ class Limit:
     unit: str  # what is counted, in the plural
     advice: str = ""  # what to do about a file that has more
 
-    def check(self, found: int, source: str | None = None, element: str | None = None) -> None:
+    def check(
+        self, found: int, source: str | None = None, element: str | None = None
+    ) -> None:
         """Refuse an input that has more."""
         if found > self.most:
-            problem = f"has more than {self}" + (f"; {self.advice}" if self.advice else "")
+            problem = f"has more than {self}" + (
+                f"; {self.advice}" if self.advice else ""
+            )
             raise InputError(problem, source=source, element=element)
 
     def __str__(self) -> str:
@@ -91,12 +99,26 @@ class Limit:
 
 
 DOCUMENT = Limit(64 * _MIB, "bytes", "that is not a description, result or model")
-DEPTH = Limit(64, "levels of brackets inside one another", "nested too deeply to be a document")
-DESCRIPTION_NODES = Limit(250_000, "numbers, texts, lists and mappings", "that is not a description")
-DATA_NODES = Limit(4_000_000, "numbers, texts, lists and mappings", "keep samples in a table (CSV, Parquet)")
-SLOW_NODES = Limit(200_000, "numbers, texts, lists and mappings", "install PyYAML with libyaml, or write JSON")
+DEPTH = Limit(
+    64, "levels of brackets inside one another", "nested too deeply to be a document"
+)
+DESCRIPTION_NODES = Limit(
+    250_000, "numbers, texts, lists and mappings", "that is not a description"
+)
+DATA_NODES = Limit(
+    4_000_000,
+    "numbers, texts, lists and mappings",
+    "keep samples in a table (CSV, Parquet)",
+)
+SLOW_NODES = Limit(
+    200_000,
+    "numbers, texts, lists and mappings",
+    "install PyYAML with libyaml, or write JSON",
+)
 XML_NODES = Limit(1_000_000, "elements and attributes", "that is not a robot")
-XML_DEPTH = Limit(512, "elements inside one another", "the nesting is too deep for a robot")
+XML_DEPTH = Limit(
+    512, "elements inside one another", "the nesting is too deep for a robot"
+)
 INCLUDES = Limit(256, "included files", "put them together")
 LINE = Limit(_MIB, "bytes in a line", "no log has lines as long")
 COLUMNS = Limit(16_384, "columns", "write the quantities of the robot alone")
@@ -128,7 +150,9 @@ def most_unpacked(packed: int) -> int:
     return UNPACKED.most + EXPANSION.most * packed
 
 
-def check_unpacked(unpacked: int, packed: int, source: str | None = None, element: str | None = None) -> None:
+def check_unpacked(
+    unpacked: int, packed: int, source: str | None = None, element: str | None = None
+) -> None:
     """Refuse an archive that grows out of proportion."""
     if unpacked > most_unpacked(packed):
         problem = f"unpacks to more than {UNPACKED} and {EXPANSION}; if that is meant, save it without compression"
@@ -153,7 +177,9 @@ class YamlDocument:
     """One document of a text."""
 
     data: Any = None  # mappings, lists, texts and None
-    lines: dict[str, int] = field(default_factory=dict)  # line, counted from 1, of every element by its path
+    lines: dict[str, int] = field(
+        default_factory=dict
+    )  # line, counted from 1, of every element by its path
 
 
 def step_into(path: str, key: str | int) -> str:
@@ -171,8 +197,20 @@ def dump_flow(data: Any) -> str:
     """Data in one line; a mapping of one key without the braces around it."""
     import yaml
 
-    text = str(yaml.safe_dump(data, default_flow_style=True, sort_keys=False, allow_unicode=True, width=float("inf")))
-    return text.strip()[1:-1] if isinstance(data, dict) and len(data) == 1 else text.strip()
+    text = str(
+        yaml.safe_dump(
+            data,
+            default_flow_style=True,
+            sort_keys=False,
+            allow_unicode=True,
+            width=float("inf"),
+        )
+    )
+    return (
+        text.strip()[1:-1]
+        if isinstance(data, dict) and len(data) == 1
+        else text.strip()
+    )
 
 
 def parse_yaml(
@@ -190,7 +228,9 @@ def parse_yaml(
         nodes = SLOW_NODES
     reader = _Reader(source, nodes, lines)
     try:
-        for event in yaml.parse(text, yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader):
+        for event in yaml.parse(
+            text, yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader
+        ):
             reader.take(event)
     except yaml.MarkedYAMLError as error:
         raise InputError(_syntax_problem(error, text), source=source) from None
@@ -202,12 +242,16 @@ def parse_yaml(
 
 def _syntax_problem(error: yaml.MarkedYAMLError, text: str) -> str:
     mark = error.problem_mark or error.context_mark
-    line = min(mark.line + 1, text.count("\n") + (not text.endswith("\n"))) if mark else 0  # not behind the end
+    line = (
+        min(mark.line + 1, text.count("\n") + (not text.endswith("\n"))) if mark else 0
+    )  # not behind the end
     where = f" (line {line}, column {mark.column + 1})" if mark else ""
     problem = error.problem or error.context or "syntax error"
     if "cannot start any token" in problem and "\t" in text:
         problem = "tabs cannot indent; use spaces"
-    if "nesting depth" in problem:  # what the parser looks at ahead of its events is bounded, too
+    if (
+        "nesting depth" in problem
+    ):  # what the parser looks at ahead of its events is bounded, too
         problem = DEPTH.advice
     return f"not well-formed YAML: {problem}{where}"
 
@@ -247,7 +291,11 @@ class _Reader:
             act(event)
 
     def _alias(self, event: Any) -> None:
-        raise self._error(self._place(), event, "aliases (*name) are not accepted; write the value out")
+        raise self._error(
+            self._place(),
+            event,
+            "aliases (*name) are not accepted; write the value out",
+        )
 
     def _scalar(self, event: Any) -> None:
         self._check(event)
@@ -255,7 +303,10 @@ class _Reader:
         if within is not None and isinstance(within.data, dict) and within.key is None:
             self._key(within, event)
         else:
-            self._put(event, None if event.value in _NULLS and not event.style else event.value)
+            self._put(
+                event,
+                None if event.value in _NULLS and not event.style else event.value,
+            )
 
     def _key(self, within: _Open, event: Any) -> None:
         key: str = event.value
@@ -270,7 +321,11 @@ class _Reader:
 
     def _begin(self, event: Any, data: list[Any] | dict[str, Any]) -> None:
         self._check(event)
-        if self._open and isinstance(self._open[-1].data, dict) and self._open[-1].key is None:
+        if (
+            self._open
+            and isinstance(self._open[-1].data, dict)
+            and self._open[-1].key is None
+        ):
             raise self._error(self._open[-1].path, event, "keys must be plain words")
         path = self._place()
         self._put(event, data)
@@ -304,10 +359,16 @@ class _Reader:
         self._nodes.check(self._count, self._source)
         if event.tag not in _PLAIN:
             shown = event.tag.removeprefix(_TAG)
-            raise self._error(self._place(), event, f"tags such as !!{shown} are not accepted")
+            raise self._error(
+                self._place(), event, f"tags such as !!{shown} are not accepted"
+            )
 
     def _error(self, path: str, event: Any, problem: str) -> InputError:
-        return InputError(f"{problem} (line {_line(event)})", source=self._source, element=path or None)
+        return InputError(
+            f"{problem} (line {_line(event)})",
+            source=self._source,
+            element=path or None,
+        )
 
 
 def _line(event: Any) -> int:
@@ -320,7 +381,13 @@ def _line(event: Any) -> int:
 _TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+(?:"|\\?\Z)|[\[\]{}]', re.DOTALL)
 
 
-def parse_json(content: str | bytes, source: str, nodes: Limit = DATA_NODES, *, as_text: bool = False) -> Any:
+def parse_json(
+    content: str | bytes,
+    source: str,
+    nodes: Limit = DATA_NODES,
+    *,
+    as_text: bool = False,
+) -> Any:
     """Parse a JSON document.
 
     >>> parse_json('{"mass": 0.30}', "arm.json", as_text=True)
@@ -333,14 +400,22 @@ def parse_json(content: str | bytes, source: str, nodes: Limit = DATA_NODES, *, 
         found = dict(pairs)
         if len(found) < len(pairs):
             twice = Counter(key for key, _ in pairs).most_common(1)[0][0]
-            raise InputError(f"the key '{twice}' occurs twice in one object", source=source)
+            raise InputError(
+                f"the key '{twice}' occurs twice in one object", source=source
+            )
         return found
 
-    written: dict[str, Any] = dict.fromkeys(("parse_float", "parse_int", "parse_constant"), str) if as_text else {}
+    written: dict[str, Any] = (
+        dict.fromkeys(("parse_float", "parse_int", "parse_constant"), str)
+        if as_text
+        else {}
+    )
     try:
         return json.loads(text, object_pairs_hook=unique, **written)
     except json.JSONDecodeError as error:
-        raise InputError(f"not well-formed JSON: {error.msg} (line {error.lineno})", source=source) from None
+        raise InputError(
+            f"not well-formed JSON: {error.msg} (line {error.lineno})", source=source
+        ) from None
     except ValueError as error:  # Python's limit for the digits of integers
         raise InputError(f"not readable as JSON: {error}", source=source) from None
 
@@ -359,7 +434,11 @@ def _check_size(text: str, source: str, nodes: Limit) -> None:
 
 def published_schema(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     """A schema that says its dialect, and a name that is no address, with the version of the format."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"urn:echelon:schema:{name}:1", **schema}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": f"urn:echelon:schema:{name}:1",
+        **schema,
+    }
 
 
 def plain_data(value: Any, missing: Any = None) -> Any:
@@ -381,7 +460,9 @@ def plain_data(value: Any, missing: Any = None) -> Any:
 
 
 # an unclosed one goes to the end of the text, so that no part of it is looked at twice
-_COMMENT = re.compile(rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)|<!--.*?(?:-->|\Z)", re.DOTALL)
+_COMMENT = re.compile(
+    rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)|<!--.*?(?:-->|\Z)", re.DOTALL
+)
 
 
 def parse_xml(text: str | bytes, source: str) -> Any:
@@ -395,10 +476,15 @@ def parse_xml(text: str | bytes, source: str) -> Any:
     _check_xml_size(text, source)
 
     def refuse(*_: object) -> None:
-        raise InputError("document type declarations and entities are not accepted", source=source)
+        raise InputError(
+            "document type declarations and entities are not accepted", source=source
+        )
 
     # a text is decoded already, whatever encoding it declares
-    builder, parser = TreeBuilder(), expat.ParserCreate("utf-8" if isinstance(text, str) else None)
+    builder, parser = (
+        TreeBuilder(),
+        expat.ParserCreate("utf-8" if isinstance(text, str) else None),
+    )
     parser.buffer_text = True
     parser.StartDoctypeDeclHandler = refuse
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
@@ -430,5 +516,9 @@ def _with_plain_comment(found: re.Match[bytes]) -> bytes:
 def _check_xml_size(text: str | bytes, source: str) -> None:
     """Each element and each attribute has one of these characters, in every encoding."""
     DOCUMENT.check(len(text), source)
-    found = text.count("<") + text.count("=") if isinstance(text, str) else text.count(b"<") + text.count(b"=")
+    found = (
+        text.count("<") + text.count("=")
+        if isinstance(text, str)
+        else text.count(b"<") + text.count(b"=")
+    )
     XML_NODES.check(found, source)

@@ -53,13 +53,18 @@ def _name(item: Any, kind: str) -> str:
     return name
 
 
-def constant_values(constants: Mapping[Any, Any] | Sequence[Any] | None) -> dict[str, Rational | None]:
+def constant_values(
+    constants: Mapping[Any, Any] | Sequence[Any] | None,
+) -> dict[str, Rational | None]:
     """Names of constants with their exact values, None where unknown."""
     if constants is None:
         return {}
     if not isinstance(constants, Mapping):
         return dict.fromkeys(names_of(constants, "constant"))
-    return {_name(key, "constant"): _value(_name(key, "constant"), value) for key, value in constants.items()}
+    return {
+        _name(key, "constant"): _value(_name(key, "constant"), value)
+        for key, value in constants.items()
+    }
 
 
 def _value(name: str, value: Any) -> Rational | None:
@@ -70,9 +75,14 @@ def _value(name: str, value: Any) -> Rational | None:
     except (ValueError, InputError):
         found = None
     if found is None:
-        raise InputError(f"'{value}' is not a number such as 0.5 or 2/3", element=f"constant '{name}'") from None
+        raise InputError(
+            f"'{value}' is not a number such as 0.5 or 2/3",
+            element=f"constant '{name}'",
+        ) from None
     if isinstance(found, Surd):
-        raise InputError(f"'{value}' is not a rational number", element=f"constant '{name}'")
+        raise InputError(
+            f"'{value}' is not a rational number", element=f"constant '{name}'"
+        )
     return found
 
 
@@ -82,18 +92,27 @@ def free_names(X: Any, declared: set[str]) -> list[str]:
         return [n for n in _arguments(X) if n not in declared]
     symbols = getattr(X, "free_symbols", None)
     if symbols is None:
-        symbols = {s for e in np.array(X, dtype=object).ravel() for s in getattr(e, "free_symbols", ())}
+        symbols = {
+            s
+            for e in np.array(X, dtype=object).ravel()
+            for s in getattr(e, "free_symbols", ())
+        }
     return sorted({s.name for s in symbols} - declared)
 
 
 def _arguments(function: Any) -> list[str]:
     parameters = inspect.signature(function).parameters.values()
-    if any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY) for p in parameters):
+    if any(
+        p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY)
+        for p in parameters
+    ):
         raise InputError("a model function names its arguments: def X(x, y): ...")
     return [p.name for p in parameters]
 
 
-def record_rows(program: Program, X: Any, scalars: Mapping[str, Scalar], columns: int | None) -> list[list[Scalar]]:
+def record_rows(
+    program: Program, X: Any, scalars: Mapping[str, Scalar], columns: int | None
+) -> list[list[Scalar]]:
     """The entries of a matrix as recorded scalars."""
     if callable(X) and not hasattr(X, "free_symbols"):
         X = _traced(X, scalars)
@@ -102,7 +121,11 @@ def record_rows(program: Program, X: Any, scalars: Mapping[str, Scalar], columns
         raise InputError("the rows of X have different lengths")
     if columns is None:
         table = table.reshape(-1, 1)
-    if table.ndim != 2 or not len(table) or (columns is not None and table.shape[1] != columns):
+    if (
+        table.ndim != 2
+        or not len(table)
+        or (columns is not None and table.shape[1] != columns)
+    ):
         raise InputError(f"X has shape {table.shape}; expected (outputs, {columns})")
     letter = "y" if columns is None else "X"
 
@@ -110,7 +133,8 @@ def record_rows(program: Program, X: Any, scalars: Mapping[str, Scalar], columns
         return f"{letter}[{i}]" if columns is None else f"{letter}[{i}, {j}]"
 
     return [
-        [_recorded(program, entry, scalars, place(i, j)) for j, entry in enumerate(row)] for i, row in enumerate(table)
+        [_recorded(program, entry, scalars, place(i, j)) for j, entry in enumerate(row)]
+        for i, row in enumerate(table)
     ]
 
 
@@ -119,13 +143,19 @@ def _traced(function: Any, scalars: Mapping[str, Scalar]) -> Any:
     try:
         return function(**{name: scalars[name] for name in _arguments(function)})
     except InputError as error:
-        raise InputError(error.problem, element=f"function '{getattr(function, '__name__', 'X')}'") from None
+        raise InputError(
+            error.problem, element=f"function '{getattr(function, '__name__', 'X')}'"
+        ) from None
     except (TypeError, AttributeError, ValueError) as error:
         problem = f"cannot be recorded: {error} (use + - * / **, abs and NumPy's elementary functions)"
-        raise InputError(problem, element=f"function '{getattr(function, '__name__', 'X')}'") from None
+        raise InputError(
+            problem, element=f"function '{getattr(function, '__name__', 'X')}'"
+        ) from None
 
 
-def _recorded(program: Program, entry: Any, scalars: Mapping[str, Scalar], place: str) -> Scalar:
+def _recorded(
+    program: Program, entry: Any, scalars: Mapping[str, Scalar], place: str
+) -> Scalar:
     if isinstance(entry, Scalar):
         return entry
     if isinstance(entry, str):
@@ -147,7 +177,10 @@ _BITS = 512
 
 
 def linear_rows(
-    program: Program, outputs: Sequence[Scalar], parameters: Sequence[int], names: Sequence[str]
+    program: Program,
+    outputs: Sequence[Scalar],
+    parameters: Sequence[int],
+    names: Sequence[str],
 ) -> list[list[Scalar]]:
     """The coefficients of the parameters in every output."""
     parts: dict[int, _Parts] = {p: {(p,): program.one} for p in parameters}
@@ -164,7 +197,9 @@ def linear_rows(
     return rows
 
 
-def _taken_apart(program: Program, node: int, parts: Mapping[int, _Parts], where: str) -> _Parts:
+def _taken_apart(
+    program: Program, node: int, parts: Mapping[int, _Parts], where: str
+) -> _Parts:
     op, a = Op(program.ops[node]), parts.get(program.lhs[node], {})
     b = parts.get(program.rhs[node], {})
     involved = [powers for powers in (*a, *b) if powers]
@@ -173,14 +208,18 @@ def _taken_apart(program: Program, node: int, parts: Mapping[int, _Parts], where
     if op is Op.NEG:
         return {powers: -c for powers, c in a.items()}
     if op in (Op.ADD, Op.SUB):
-        return _sum(program, a, b if op is Op.ADD else {powers: -c for powers, c in b.items()})
+        return _sum(
+            program, a, b if op is Op.ADD else {powers: -c for powers, c in b.items()}
+        )
     name = program.inputs[involved[0][0]].name
     if op is Op.MUL:
         return _product(program, a, b, where)
     if op is Op.DIV and not any(b):
         return {powers: c / b[()] for powers, c in a.items()}
     place = "a denominator" if op is Op.DIV else f"the argument of {op.name.lower()}"
-    raise InputError(f"not linear in the parameters: '{name}' is in {place}", element=where)
+    raise InputError(
+        f"not linear in the parameters: '{name}' is in {place}", element=where
+    )
 
 
 def _sum(program: Program, a: _Parts, b: _Parts) -> _Parts:
@@ -208,7 +247,10 @@ def _vanishes(value: Scalar) -> bool:
     """Whether a value is zero everywhere, by its balls at random real points."""
     if value.number is not None:
         return value.is_zero
-    points, rng = RealPoints(value.program, [value.node]), random_generator(DEFAULT_SEED)
+    points, rng = (
+        RealPoints(value.program, [value.node]),
+        random_generator(DEFAULT_SEED),
+    )
     schedule = points.rows
     with flint.ctx.workprec(_BITS):
         states = points.draw(rng, max(_STATES, points.count))
@@ -217,7 +259,9 @@ def _vanishes(value: Scalar) -> bool:
         real = [x for x in found if x.is_finite()]
         if not real:
             raise InputError("division by zero at every point")
-        return all(x.contains(0) and x.rad() < flint.arb(2) ** (-_BITS // 2) for x in real)
+        return all(
+            x.contains(0) and x.rad() < flint.arb(2) ** (-_BITS // 2) for x in real
+        )
 
 
 @public
@@ -307,7 +351,9 @@ class LinearModel:
         """
         model = cls.__new__(cls)
         model._declare(y, variables, parameters, constants, units, name)
-        program, scalars = model._inputs((*model.variables, *model.parameters), model.constants)
+        program, scalars = model._inputs(
+            (*model.variables, *model.parameters), model.constants
+        )
         column = record_rows(program, y, scalars, None)
         names = model._output_names(outputs, len(column))
         nodes = [scalars[p].node for p in model.parameters]
@@ -316,7 +362,13 @@ class LinearModel:
         return model
 
     def _declare(
-        self, X: Any, variables: Sequence[Any], parameters: Sequence[Any], constants: Any, units: Any, name: str
+        self,
+        X: Any,
+        variables: Sequence[Any],
+        parameters: Sequence[Any],
+        constants: Any,
+        units: Any,
+        name: str,
     ) -> None:
         self.name = name
         self.variables = names_of(variables, "variable")
@@ -327,40 +379,76 @@ class LinearModel:
         everything = [*self.variables, *self.parameters, *self.constants]
         twice = sorted({n for n in everything if everything.count(n) > 1})
         if twice:
-            raise InputError(f"'{twice[0]}' is declared twice among variables, parameters and constants")
+            raise InputError(
+                f"'{twice[0]}' is declared twice among variables, parameters and constants"
+            )
         if not self.parameters:
             raise InputError("a model needs at least one parameter")
         check_distinct(everything, "variables, parameters and constants")
         self.units = tuple(units) if units is not None else ("",) * len(self.parameters)
         if len(self.units) != len(self.parameters):
-            raise InputError(f"{len(self.units)} units for {len(self.parameters)} parameters")
+            raise InputError(
+                f"{len(self.units)} units for {len(self.parameters)} parameters"
+            )
         for parameter, unit in zip(self.parameters, self.units, strict=True):
             check_text(unit, f"unit of parameter '{parameter}'")
 
-    def _inputs(self, states: Sequence[str], constants: Mapping[str, object]) -> tuple[Program, dict[str, Scalar]]:
+    def _inputs(
+        self, states: Sequence[str], constants: Mapping[str, object]
+    ) -> tuple[Program, dict[str, Scalar]]:
         program = Program()
         scalars = {name: program.input(name) for name in states}
-        return program, scalars | {name: program.input(name, "symbol") for name in constants}
+        return program, scalars | {
+            name: program.input(name, "symbol") for name in constants
+        }
 
-    def _output_names(self, outputs: Sequence[str] | None, count: int) -> tuple[str, ...]:
-        names = tuple(outputs) if outputs is not None else tuple(f"y{i + 1}" for i in range(count))
+    def _output_names(
+        self, outputs: Sequence[str] | None, count: int
+    ) -> tuple[str, ...]:
+        names = (
+            tuple(outputs)
+            if outputs is not None
+            else tuple(f"y{i + 1}" for i in range(count))
+        )
         if len(names) != count or len(set(names)) != count:
-            raise InputError(f"{count} different names of outputs are needed, got {len(set(names))}")
+            raise InputError(
+                f"{count} different names of outputs are needed, got {len(set(names))}"
+            )
         for name in names:
             check_title(name, f"output '{name}'", (*self.parameters, *self.constants))
         check_distinct(names, "outputs")
         return names
 
-    def _keep(self, program: Program, rows: Sequence[Sequence[Scalar]], outputs: Sequence[str] | None) -> None:
+    def _keep(
+        self,
+        program: Program,
+        rows: Sequence[Sequence[Scalar]],
+        outputs: Sequence[str] | None,
+    ) -> None:
         self.outputs = self._output_names(outputs, len(rows))
-        entries = {(i, j): e.node for i, row in enumerate(rows) for j, e in enumerate(row) if not e.is_zero}
-        stated = {name: str(value) for name, value in self.constants.items() if value is not None}
-        self.regressor = LinearForms(program, entries, (len(rows), len(self.parameters)), values=stated)
+        entries = {
+            (i, j): e.node
+            for i, row in enumerate(rows)
+            for j, e in enumerate(row)
+            if not e.is_zero
+        }
+        stated = {
+            name: str(value)
+            for name, value in self.constants.items()
+            if value is not None
+        }
+        self.regressor = LinearForms(
+            program, entries, (len(rows), len(self.parameters)), values=stated
+        )
 
     @property
     def values(self) -> dict[str, float]:
         """Values of the constants that have one."""
-        return {name: float(Fraction(v)) for name, v in self.constants.items() if v is not None}
+        return {
+            name: float(Fraction(v))
+            for name, v in self.constants.items()
+            if v is not None
+        }
 
     def with_constants(self, values: Mapping[str, Polynomial]) -> LinearModel:
         """The model with expressions in the place of some constants.
@@ -376,9 +464,17 @@ class LinearModel:
             If an entry divides by zero then.
         """
         forms, found = self.regressor, copy(self)
-        program, nodes = with_values(forms.program, list(forms.entries.values()), values)
-        entries = {key: n for key, n in zip(forms.entries, nodes, strict=True) if n != program.zero.node}
-        found.constants = {name: value for name, value in self.constants.items() if name not in values}
+        program, nodes = with_values(
+            forms.program, list(forms.entries.values()), values
+        )
+        entries = {
+            key: n
+            for key, n in zip(forms.entries, nodes, strict=True)
+            if n != program.zero.node
+        }
+        found.constants = {
+            name: value for name, value in self.constants.items() if name not in values
+        }
         found.regressor = replace(forms, program=program, entries=entries)
         return found
 
@@ -393,7 +489,11 @@ def model_of(source: Mechanism | LinearModel | Readable) -> Mechanism | LinearMo
         return source
     found = loaded(source)
     model = getattr(found, "model", found)  # that of a saved set of a linear model
-    return model if isinstance(model, LinearModel) else mechanism_of(getattr(found, "mechanism", found))
+    return (
+        model
+        if isinstance(model, LinearModel)
+        else mechanism_of(getattr(found, "mechanism", found))
+    )
 
 
 _NAME = re.compile(r"[^\W\d]\w*")
@@ -415,7 +515,10 @@ def evaluate_model(
     try:
         given = [np.asarray(v, dtype=float) for v in variables.values()]
         samples = np.broadcast_shapes((1,), *(v.shape for v in given))[0]
-        leaves = {n: np.broadcast_to(np.asarray(known[name], dtype=float), (samples,)) for n, name in names.items()}
+        leaves = {
+            n: np.broadcast_to(np.asarray(known[name], dtype=float), (samples,))
+            for n, name in names.items()
+        }
     except ValueError:
         raise InputError("the variables are arrays of one length") from None
     result = np.zeros((samples, *forms.shape))

@@ -38,7 +38,9 @@ _SCRIPTS = {
 }
 """Scripts by the first word of the Unicode names of their letters."""
 
-_LATIN_WITHOUT_ASCII = frozenset("ßẞæÆœŒøØđĐłŁħĦþÞðÐŋŊıəƏ")  # letters of living languages that are no letter with marks
+_LATIN_WITHOUT_ASCII = frozenset(
+    "ßẞæÆœŒøØđĐłŁħĦþÞðÐŋŊıəƏ"
+)  # letters of living languages that are no letter with marks
 
 _LOOK_ALIKES = str.maketrans(
     # Greek, Cyrillic, Armenian, Latin without a dot, strokes and crosses of East Asia
@@ -47,9 +49,13 @@ _LOOK_ALIKES = str.maketrans(
 )
 """ASCII characters that letters look like; α, γ, ρ and σ do not, as formulas use them beside a, y, p and o."""
 
-_CLEAR_GREEK = frozenset("ΓΔΘΛΞΠΣΦΨΩδθλξπφψω")  # may stand beside Latin letters, as in Δx
+_CLEAR_GREEK = frozenset(
+    "ΓΔΘΛΞΠΣΦΨΩδθλξπφψω"
+)  # may stand beside Latin letters, as in Δx
 
-_SHAPES = str.maketrans("工口力夕八卜三へ", "エロカタハトミヘ")  # Chinese and Japanese letters of one shape
+_SHAPES = str.maketrans(
+    "工口力夕八卜三へ", "エロカタハトミヘ"
+)  # Chinese and Japanese letters of one shape
 
 _MEANT_LETTERS = "letters, digits and _ are valid, such as 3, l1, D_4, θ1"
 _MEANT_TITLE = "letters, digits, blanks and - . / : ( ) are valid, such as 'wrist_2', 'left arm' or '左臂'"
@@ -99,14 +105,23 @@ def check_title(name: str, element: str, symbols: Collection[str] = ()) -> None:
     _check_characters(name, element, _TITLE_CHARACTERS, _MEANT_TITLE)
     _check_words(name, element)
     if _is_formula(name, symbols):
-        raise InputError(f"the name reads as a formula: {_MEANT_TITLE}", element=element)
+        raise InputError(
+            f"the name reads as a formula: {_MEANT_TITLE}", element=element
+        )
 
 
 def check_text(text: str, element: str) -> None:
     """Refuse a unit or a remark with characters that cannot be seen, or that turn the direction of writing."""
     for character in text:
-        if not character.isprintable() or _is_hidden(character) or _runs_leftwards(character):
-            raise InputError(f"holds {_shown(character)}: characters that can be seen are valid", element=element)
+        if (
+            not character.isprintable()
+            or _is_hidden(character)
+            or _runs_leftwards(character)
+        ):
+            raise InputError(
+                f"holds {_shown(character)}: characters that can be seen are valid",
+                element=element,
+            )
 
 
 def check_distinct(names: Iterable[str], what: str) -> None:
@@ -135,7 +150,9 @@ def check_distinct(names: Iterable[str], what: str) -> None:
         first = seen.setdefault(skeleton(name), name)
         if first != name:
             odd = next((c for c in (*name, *first) if not c.isascii()), " ")
-            raise InputError(f"{what} '{first}' and '{name}' look the same: {_shown(odd)} makes them differ")
+            raise InputError(
+                f"{what} '{first}' and '{name}' look the same: {_shown(odd)} makes them differ"
+            )
 
 
 def skeleton(name: str) -> str:
@@ -146,7 +163,9 @@ def skeleton(name: str) -> str:
     """
     if name.isascii():
         return " ".join(name.split())
-    parted = unicodedata.normalize("NFKD", name).translate(_SHAPES).translate(_LOOK_ALIKES)
+    parted = (
+        unicodedata.normalize("NFKD", name).translate(_SHAPES).translate(_LOOK_ALIKES)
+    )
     return " ".join(unicodedata.normalize("NFC", parted).split())
 
 
@@ -156,19 +175,34 @@ def symbol_stem(name: str) -> str:
     >>> symbol_stem("left-knee")
     '_left_knee'
     """
-    plain = (unicodedata.normalize("NFKC", c) == c and (c.isascii() or not c.isdigit()) for c in name)
-    return "_" + "".join(c if fits and f"_{c}".isidentifier() else "_" for c, fits in zip(name, plain, strict=True))
+    plain = (
+        unicodedata.normalize("NFKC", c) == c and (c.isascii() or not c.isdigit())
+        for c in name
+    )
+    return "_" + "".join(
+        c if fits and f"_{c}".isidentifier() else "_"
+        for c, fits in zip(name, plain, strict=True)
+    )
 
 
 def _check_characters(name: str, element: str, others: str, meant: str) -> None:
     """Refuse all but letters, digits 0 to 9, and others of ASCII."""
     composition = unicodedata.normalize("NFKC", name)
     for character in composition:
-        usual = character.isalnum() or character in others if character.isascii() else _script(character)
+        usual = (
+            character.isalnum() or character in others
+            if character.isascii()
+            else _script(character)
+        )
         if not usual:
-            raise InputError(f"the name holds {_shown(character)}: {meant}", element=element)
+            raise InputError(
+                f"the name holds {_shown(character)}: {meant}", element=element
+            )
     if composition != name:
-        raise InputError(f"the name has unusual forms of characters: write '{composition}'", element=element)
+        raise InputError(
+            f"the name has unusual forms of characters: write '{composition}'",
+            element=element,
+        )
 
 
 def _check_words(name: str, element: str, composed: bool = False) -> None:
@@ -186,7 +220,9 @@ def _word_problem(word: str, composed: bool) -> str:
     alike = [c for c in foreign if c.translate(_LOOK_ALIKES).isascii()]
     stem = composed and len(scripts) == len(runs) and runs[0][1].isascii()
     if len(scripts) > 1 and not stem and not all(map(_is_clear, foreign)):
-        return f"mixes {' and '.join(map(str, scripts))} letters: write it in one script"
+        return (
+            f"mixes {' and '.join(map(str, scripts))} letters: write it in one script"
+        )
     if foreign and len(alike) == len(foreign):
         latin = word.translate(_LOOK_ALIKES)
         return f"looks like '{latin}', but holds {_shown(alike[0])}: write it in ASCII, or use another name"
@@ -226,11 +262,28 @@ def _script(text: str) -> str | None:
 
 def _is_hidden(character: str) -> bool:
     """Whether it is a letter or mark that is not drawn."""
-    return re.search("FILLER|VARIATION SELECTOR|INHERENT|GRAPHEME JOINER", unicodedata.name(character, "")) is not None
+    return (
+        re.search(
+            "FILLER|VARIATION SELECTOR|INHERENT|GRAPHEME JOINER",
+            unicodedata.name(character, ""),
+        )
+        is not None
+    )
 
 
 def _runs_leftwards(character: str) -> bool:
-    return unicodedata.bidirectional(character) in ("R", "AL", "AN", "RLE", "LRE", "RLO", "LRO", "RLI", "LRI", "FSI")
+    return unicodedata.bidirectional(character) in (
+        "R",
+        "AL",
+        "AN",
+        "RLE",
+        "LRE",
+        "RLO",
+        "LRO",
+        "RLI",
+        "LRI",
+        "FSI",
+    )
 
 
 def _is_formula(name: str, symbols: Collection[str]) -> bool:
@@ -242,11 +295,15 @@ def _is_formula(name: str, symbols: Collection[str]) -> bool:
     if re.search(r"\s[-+/=]\s", name) and any(known):
         return True
     numbers = [_NUMBER.fullmatch(part) is not None for part in operands]
-    return all(a or b for a, b in zip(known, numbers, strict=True)) and (any(known) or "+" in name)
+    return all(a or b for a, b in zip(known, numbers, strict=True)) and (
+        any(known) or "+" in name
+    )
 
 
 def _shown(character: str) -> str:
     """A character as people can tell it: ASCII itself, all others by number and name."""
     if character.isascii() and character.isprintable():
         return f"'{character}'"
-    return f"U+{ord(character):04X} ({unicodedata.name(character, 'a control character')})"
+    return (
+        f"U+{ord(character):04X} ({unicodedata.name(character, 'a control character')})"
+    )

@@ -49,7 +49,9 @@ def test_values_of_a_file() -> None:
     np.testing.assert_allclose(base.values(), base.B_float() @ base.standard_values())
     q, qd, qdd = random_states(base.mechanism, 5)
     full = base.standard_regressor(q, qd, qdd) @ base.standard_values()
-    np.testing.assert_allclose(base.regressor(q, qd, qdd) @ base.values(), full, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(
+        base.regressor(q, qd, qdd) @ base.values(), full, rtol=1e-10, atol=1e-10
+    )
 
 
 def test_missing_numbers_are_named(base: ec.BaseModel) -> None:
@@ -68,13 +70,17 @@ def test_missing_numbers_are_named(base: ec.BaseModel) -> None:
 def test_misspelt_symbols_are_refused(base: ec.BaseModel) -> None:
     """Also those that B does not need are known: d1 and gravity occur in X or in the mechanism only."""
     states = random_states(base.mechanism, 2)
-    with pytest.raises(ec.InputError, match=r"'a44' is not a symbol .*valid: a4, a7, d1, d3, d5"):
+    with pytest.raises(
+        ec.InputError, match=r"'a44' is not a symbol .*valid: a4, a7, d1, d3, d5"
+    ):
         base.B_float({"a44": 0.1})
     with pytest.raises(ec.InputError, match="'a44'"):
         base.regressor(*states, {"a44": 0.1})
     np.testing.assert_array_equal(base.B_float({"d1": 9.0}), base.B_float())
     pendulum = ec.base_parameters(arms.double_pendulum())
-    moon, earth = (pendulum.regressor([1, 1], [0, 0], [0, 0], {"g": g}) for g in (1.6, 9.6))
+    moon, earth = (
+        pendulum.regressor([1, 1], [0, 0], [0, 0], {"g": g}) for g in (1.6, 9.6)
+    )
     np.testing.assert_allclose(6 * moon, earth)
 
 
@@ -108,15 +114,23 @@ def test_reduced_regressor_is_the_pivot_columns(base: ec.BaseModel) -> None:
     states = random_states(base.mechanism, 3)
     full, reduced = base.standard_regressor(*states), base.regressor(*states)
     assert full.shape == (3, 7, 70)
-    np.testing.assert_allclose(reduced, full[:, :, list(base.matrix.pivots)], rtol=1e-13, atol=1e-13)
-    np.testing.assert_allclose(reduced @ base.B_float(), full, atol=1e-12 * np.abs(full).max())
-    assert sum(base.reduced.operations().values()) < sum(base.standard_forms.operations().values())
+    np.testing.assert_allclose(
+        reduced, full[:, :, list(base.matrix.pivots)], rtol=1e-13, atol=1e-13
+    )
+    np.testing.assert_allclose(
+        reduced @ base.B_float(), full, atol=1e-12 * np.abs(full).max()
+    )
+    assert sum(base.reduced.operations().values()) < sum(
+        base.standard_forms.operations().values()
+    )
 
 
 def test_blocks_of_samples_join(base: ec.BaseModel) -> None:
     states = random_states(base.mechanism, 1500)
     whole = base.regressor(*states)
-    np.testing.assert_array_equal(whole[1020:1030], base.regressor(*(x[1020:1030] for x in states)))
+    np.testing.assert_array_equal(
+        whole[1020:1030], base.regressor(*(x[1020:1030] for x in states))
+    )
     assert base.regressor(*(x[:0] for x in states)).shape == (0, 7, 43)
 
 

@@ -19,7 +19,10 @@ from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.linear_forms import (
+    inverse_dynamics_regressor,
+    virtual_power_form,
+)
 from support import textbook_arms as arms
 from support.descriptions import read_description
 from support.paths import ROOT
@@ -32,9 +35,14 @@ def base() -> ec.BaseModel:
     return ec.base_parameters(arms.rx90())
 
 
-@pytest.mark.parametrize("robot", [arms.rx90, arms.panda, arms.stanford, arms.helical, arms.coupled, arms.massless])
+@pytest.mark.parametrize(
+    "robot",
+    [arms.rx90, arms.panda, arms.stanford, arms.helical, arms.coupled, arms.massless],
+)
 @pytest.mark.parametrize("forms", [virtual_power_form, inverse_dynamics_regressor])
-def test_right_sets_pass(robot: Callable[[], Mechanism], forms: Callable[[Mechanism], Any]) -> None:
+def test_right_sets_pass(
+    robot: Callable[[], Mechanism], forms: Callable[[Mechanism], Any]
+) -> None:
     """On combinations of rows, and on X itself."""
     model = ec.base_parameters(robot())
     certificate = certify(forms(model.mechanism), model.matrix, seed=7)
@@ -54,10 +62,19 @@ def changed(matrix: BaseMatrix, change: Callable[[Rows], None]) -> BaseMatrix:
     return replace(matrix, rows=tuple(rows))
 
 
-@pytest.mark.parametrize("factor", [-1, 2, 1 + Fraction(1, 10**9), Polynomial.generator("D3")])
+@pytest.mark.parametrize(
+    "factor", [-1, 2, 1 + Fraction(1, 10**9), Polynomial.generator("D3")]
+)
 @pytest.mark.parametrize("where", range(0, 40, 3))
-def test_any_changed_coefficient_is_found(base: ec.BaseModel, where: int, factor: Any) -> None:
-    places = [(i, c) for i, row in enumerate(base.matrix.rows) for c in row if c != base.matrix.pivots[i]]
+def test_any_changed_coefficient_is_found(
+    base: ec.BaseModel, where: int, factor: Any
+) -> None:
+    places = [
+        (i, c)
+        for i, row in enumerate(base.matrix.rows)
+        for c in row
+        if c != base.matrix.pivots[i]
+    ]
     i, column = places[where % len(places)]
 
     def change(rows: Rows) -> None:
@@ -69,32 +86,55 @@ def test_any_changed_coefficient_is_found(base: ec.BaseModel, where: int, factor
 @pytest.mark.parametrize("where", range(0, 36, 5))
 def test_dropped_parameter_is_found(base: ec.BaseModel, where: int) -> None:
     m = base.matrix
-    cut = replace(m, pivots=m.pivots[:where] + m.pivots[where + 1 :], rows=m.rows[:where] + m.rows[where + 1 :])
+    cut = replace(
+        m,
+        pivots=m.pivots[:where] + m.pivots[where + 1 :],
+        rows=m.rows[:where] + m.rows[where + 1 :],
+    )
     assert base.pivots[where] in refuted(base, cut)
 
 
 def test_added_parameters_are_found(base: ec.BaseModel) -> None:
     m = base.matrix
-    free = [c for c in range(len(m.parameters)) if not any(c in row for row in m.rows)]  # unidentifiable
-    rows = dict(zip((*m.pivots, free[0]), (*m.rows, {free[0]: RationalFunction(1)}), strict=True))
+    free = [
+        c for c in range(len(m.parameters)) if not any(c in row for row in m.rows)
+    ]  # unidentifiable
+    rows = dict(
+        zip(
+            (*m.pivots, free[0]), (*m.rows, {free[0]: RationalFunction(1)}), strict=True
+        )
+    )
     pivots = tuple(sorted(rows))
-    assert "too large" in refuted(base, replace(m, pivots=pivots, rows=tuple(rows[p] for p in pivots)))
+    assert "too large" in refuted(
+        base, replace(m, pivots=pivots, rows=tuple(rows[p] for p in pivots))
+    )
 
 
-def test_a_dependent_parameter_made_a_representative_is_found(base: ec.BaseModel) -> None:
+def test_a_dependent_parameter_made_a_representative_is_found(
+    base: ec.BaseModel,
+) -> None:
     m = base.matrix
     column = m.parameters.index("YY2")
-    rows = {p: {c: x for c, x in row.items() if c != column} for p, row in zip(m.pivots, m.rows, strict=True)}
+    rows = {
+        p: {c: x for c, x in row.items() if c != column}
+        for p, row in zip(m.pivots, m.rows, strict=True)
+    }
     rows[column] = {column: RationalFunction(1)}
     pivots = tuple(sorted(rows))
-    assert "too large" in refuted(base, replace(m, pivots=pivots, rows=tuple(rows[p] for p in pivots)))
+    assert "too large" in refuted(
+        base, replace(m, pivots=pivots, rows=tuple(rows[p] for p in pivots))
+    )
 
 
 def test_echelon_form_is_checked(base: ec.BaseModel) -> None:
     m = base.matrix
-    assert "order" in refuted(base, replace(m, pivots=m.pivots[::-1], rows=m.rows[::-1]))
+    assert "order" in refuted(
+        base, replace(m, pivots=m.pivots[::-1], rows=m.rows[::-1])
+    )
     assert "permutation" in refuted(base, replace(m, order=(0, *m.order[:-1])))
-    assert "before it" in refuted(base, replace(m, order=m.order[::-1], pivots=m.pivots[::-1], rows=m.rows[::-1]))
+    assert "before it" in refuted(
+        base, replace(m, order=m.order[::-1], pivots=m.pivots[::-1], rows=m.rows[::-1])
+    )
 
     def mix(rows: Rows) -> None:
         rows[0][m.pivots[1]] = RationalFunction(1)
@@ -109,11 +149,15 @@ def test_echelon_form_is_checked(base: ec.BaseModel) -> None:
 
 def test_the_set_of_another_robot_is_refused(base: ec.BaseModel) -> None:
     assert refuted(base, ec.base_parameters(arms.puma560()).matrix)
-    assert "standard parameters" in refuted(base, ec.base_parameters(arms.panda()).matrix)
+    assert "standard parameters" in refuted(
+        base, ec.base_parameters(arms.panda()).matrix
+    )
 
 
 def test_full_rank_and_rank_zero() -> None:
-    free = ec.base_parameters(arms.tree("free", arms.body(1, 0, "floating", *arms.floating_motions("b"))))
+    free = ec.base_parameters(
+        arms.tree("free", arms.body(1, 0, "floating", *arms.floating_motions("b")))
+    )
     assert (free.rank, len(free.parameters)) == (10, 10)
     still = ec.base_parameters(arms.tree("still", arms.body(1, 0, "fixed")))
     assert still.rank == 0
@@ -126,7 +170,9 @@ def test_the_bound_knows_multiples_of_angles() -> None:
 
     def coupled(ratio: str) -> ec.BaseModel:
         bodies = arms.modified_dh("", "R pi/2 0 0", "R 0 l1 0").bodies
-        return ec.base_parameters(arms.tree("geared", *bodies, couplings={"q2": {"q1": ratio}}))
+        return ec.base_parameters(
+            arms.tree("geared", *bodies, couplings={"q2": {"q1": ratio}})
+        )
 
     direct, geared = coupled("1").certificate, coupled("50").certificate
     assert geared.degree > 10 * direct.degree
@@ -142,21 +188,35 @@ def linkage() -> ec.BaseModel:
     return ec.base_parameters(ec.load(LOOPS / "four_bar.yaml"))
 
 
-def test_along_curves_changed_dropped_and_added_parameters_are_found(linkage: ec.BaseModel) -> None:
+def test_along_curves_changed_dropped_and_added_parameters_are_found(
+    linkage: ec.BaseModel,
+) -> None:
     m = linkage.matrix
     for i, row in enumerate(m.rows):
         for column in row.keys() - {m.pivots[i]}:
 
             def change(rows: Rows, i: int = i, column: int = column) -> None:
-                rows[i][column] = rows[i][column] * RationalFunction(1 + Fraction(1, 10**9))
+                rows[i][column] = rows[i][column] * RationalFunction(
+                    1 + Fraction(1, 10**9)
+                )
 
             assert m.parameters[column] in refuted(linkage, changed(m, change))
-        cut = replace(m, pivots=m.pivots[:i] + m.pivots[i + 1 :], rows=m.rows[:i] + m.rows[i + 1 :])
+        cut = replace(
+            m,
+            pivots=m.pivots[:i] + m.pivots[i + 1 :],
+            rows=m.rows[:i] + m.rows[i + 1 :],
+        )
         assert m.parameters[m.pivots[i]] in refuted(linkage, cut)
-    free = next(c for c in range(len(m.parameters)) if not any(c in row for row in m.rows))
-    rows = dict(zip((*m.pivots, free), (*m.rows, {free: RationalFunction(1)}), strict=True))
+    free = next(
+        c for c in range(len(m.parameters)) if not any(c in row for row in m.rows)
+    )
+    rows = dict(
+        zip((*m.pivots, free), (*m.rows, {free: RationalFunction(1)}), strict=True)
+    )
     pivots = tuple(sorted(rows))
-    assert "too large" in refuted(linkage, replace(m, pivots=pivots, rows=tuple(rows[p] for p in pivots)))
+    assert "too large" in refuted(
+        linkage, replace(m, pivots=pivots, rows=tuple(rows[p] for p in pivots))
+    )
 
 
 @pytest.mark.parametrize("name", ["parallelogram", "sr400", "bennett"])
@@ -172,17 +232,30 @@ def test_error_bound_of_the_examples(file: Path) -> None:
     certificate = ec.base_parameters(ec.load(file)).certificate
     assert certificate.log10_error < -30
     assert len(set(certificate.identity_primes)) == 2
-    assert all(p.bit_length() == 81 and sympy.isprime(p) for p in certificate.identity_primes)
+    assert all(
+        p.bit_length() == 81 and sympy.isprime(p) for p in certificate.identity_primes
+    )
     assert sympy.isprime(certificate.minor_prime)
     assert f"rank {certificate.rank} proved" in str(certificate)
 
 
 @pytest.mark.parametrize("where", range(0, 40, 7))
-def test_a_coefficient_in_another_column_is_found(base: ec.BaseModel, where: int) -> None:
-    places = [(i, c) for i, row in enumerate(base.matrix.rows) for c in row if c != base.matrix.pivots[i]]
+def test_a_coefficient_in_another_column_is_found(
+    base: ec.BaseModel, where: int
+) -> None:
+    places = [
+        (i, c)
+        for i, row in enumerate(base.matrix.rows)
+        for c in row
+        if c != base.matrix.pivots[i]
+    ]
     i, column = places[where % len(places)]
     taken = {*base.matrix.rows[i], *base.matrix.pivots}
-    other = next(c for c in range(column + 1, 2 * len(base.parameters)) if c % len(base.parameters) not in taken)
+    other = next(
+        c
+        for c in range(column + 1, 2 * len(base.parameters))
+        if c % len(base.parameters) not in taken
+    )
 
     def change(rows: Rows) -> None:
         rows[i][other % len(base.parameters)] = rows[i].pop(column)
@@ -204,14 +277,22 @@ def test_symbols_of_nobody_are_found(base: ec.BaseModel) -> None:
     assert "M6" in refuted(base, changed(base.matrix, change))
 
 
-def test_a_column_that_no_check_reaches_is_an_error(base: ec.BaseModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_column_that_no_check_reaches_is_an_error(
+    base: ec.BaseModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Whatever check forgets a column: here the identity is asked for all others."""
     asked = _Checks._identity
-    monkeypatch.setattr(_Checks, "_identity", lambda checks, forms, columns: asked(checks, forms, sorted(columns)[1:]))
+    monkeypatch.setattr(
+        _Checks,
+        "_identity",
+        lambda checks, forms, columns: asked(checks, forms, sorted(columns)[1:]),
+    )
     assert "no check reaches XX1" in refuted(base, base.matrix)
 
 
-def test_the_certificate_counts_the_columns_that_each_check_reached(base: ec.BaseModel, linkage: ec.BaseModel) -> None:
+def test_the_certificate_counts_the_columns_that_each_check_reached(
+    base: ec.BaseModel, linkage: ec.BaseModel
+) -> None:
     assert base.certificate.columns == {"minor": 36, "identity": 24}
     assert linkage.certificate.columns == {"minor": 8, "balls": 22}
     assert base.certificate.holds == "at the stated values"
@@ -239,5 +320,7 @@ assembly: {crank: 1.0, coupler: -1.0, rocker: 1.0}
     assert (general.rank, ec.base_parameters(mechanism).rank) == (8, 3)
     forms = virtual_power_form(mechanism)
     assert certify(forms, general.matrix, seed=7).rank == 8
-    with pytest.raises(ec.CertificateError, match="span only 3 dimensions at the stated values"):
+    with pytest.raises(
+        ec.CertificateError, match="span only 3 dimensions at the stated values"
+    ):
         certify(forms, general.matrix, 7, model_at_stated_values(mechanism))

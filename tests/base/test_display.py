@@ -45,20 +45,29 @@ SHOWN: dict[str, Callable[[], ec.BaseModel]] = {
 }
 
 
-GOLDEN = [*(f"double_pendulum.{ending}" for ending in WRITERS), "inclined.tex", "slanted.md", "panda_masses.txt"]
+GOLDEN = [
+    *(f"double_pendulum.{ending}" for ending in WRITERS),
+    "inclined.tex",
+    "slanted.md",
+    "panda_masses.txt",
+]
 
 
 @pytest.mark.parametrize("file", GOLDEN)
 def test_golden(file: str) -> None:
     golden, (name, ending) = GOLDENS / file, file.split(".")
-    text = re.sub(r"mod \d{10}", "mod <prime>", WRITERS[ending](SHOWN[name]()))  # the prime depends on the seed
+    text = re.sub(
+        r"mod \d{10}", "mod <prime>", WRITERS[ending](SHOWN[name]())
+    )  # the prime depends on the seed
     if os.environ.get("ECHELON_UPDATE_GOLDENS"):
         golden.write_text(text, encoding="utf-8")
     assert text == golden.read_text(encoding="utf-8")
 
 
 def test_no_golden_is_forgotten() -> None:
-    assert sorted(GOLDEN) == sorted(file.name for file in GOLDENS.iterdir() if file.is_file())
+    assert sorted(GOLDEN) == sorted(
+        file.name for file in GOLDENS.iterdir() if file.is_file()
+    )
 
 
 # -- the meaning of the text ------------------------------------------------------------------------------------------
@@ -72,26 +81,54 @@ def meaning(text: str, values: dict[str, float]) -> float:
     text = re.sub(r"√(\d)", r"sqrt(\1)", re.sub(r"(\d)√", r"\1*√", text))
     for mark, python in AS_PYTHON.items():
         text = text.replace(mark, python)
-    return float(sympy.sympify(text, {name: sympy.Float(value) for name, value in values.items()}))
+    return float(
+        sympy.sympify(
+            text, {name: sympy.Float(value) for name, value in values.items()}
+        )
+    )
 
 
 @pytest.mark.parametrize(
-    "robot", [arms.rx90, arms.puma560, arms.inclined, arms.slanted, arms.branched, lambda: arms.general_arm(3)]
+    "robot",
+    [
+        arms.rx90,
+        arms.puma560,
+        arms.inclined,
+        arms.slanted,
+        arms.branched,
+        lambda: arms.general_arm(3),
+    ],
 )
 @pytest.mark.parametrize("prefer", [(), ("M",), ("MZ", "YY")])
-def test_the_text_means_what_b_says(robot: Callable[[], Mechanism], prefer: tuple[str, ...]) -> None:
+def test_the_text_means_what_b_says(
+    robot: Callable[[], Mechanism], prefer: tuple[str, ...]
+) -> None:
     """Signs, parentheses, powers, roots and quotients."""
     model = ec.base_parameters(robot(), prefer=prefer)
     standard = {name: 0.3 + 0.013 * k for k, name in enumerate(model.parameters)}
     lengths = {name: 0.4 + 0.17 * k for k, name in enumerate(model.matrix.symbols)}
     expected = model.values([*standard.values()], lengths)
     for expression, value in zip(model.expressions, expected, strict=True):
-        assert meaning(str(expression), standard | lengths) == pytest.approx(value, rel=1e-9)
+        assert meaning(str(expression), standard | lengths) == pytest.approx(
+            value, rel=1e-9
+        )
 
 
 # -- LaTeX ------------------------------------------------------------------------------------------------------------
 
-COMMANDS = {"bar", "zeta", "mathit", "mathrm", "frac", "tfrac", "sqrt", "cos", "sin", "begin", "end"}
+COMMANDS = {
+    "bar",
+    "zeta",
+    "mathit",
+    "mathrm",
+    "frac",
+    "tfrac",
+    "sqrt",
+    "cos",
+    "sin",
+    "begin",
+    "end",
+}
 
 
 @pytest.mark.parametrize("name", SHOWN)
@@ -103,13 +140,19 @@ def test_latex_needs_amsmath_only_and_is_balanced(name: str) -> None:
         assert text.count("$") % 2 == 0
         assert text.count("&=") == model.rank
     pages = -(-model.rank // 40)
-    assert to_latex(model).count(r"\begin{align*}") == to_latex(model).count(r"\end{align*}") == pages
+    assert (
+        to_latex(model).count(r"\begin{align*}")
+        == to_latex(model).count(r"\end{align*}")
+        == pages
+    )
 
 
 def parses(latex: str) -> bool:
     import matplotlib.mathtext as mathtext
 
-    return bool(mathtext.MathTextParser("path").parse(f"${latex.replace('tfrac', 'frac')}$"))  # all but \tfrac
+    return bool(
+        mathtext.MathTextParser("path").parse(f"${latex.replace('tfrac', 'frac')}$")
+    )  # all but \tfrac
 
 
 @pytest.mark.parametrize("name", one_in(2, SHOWN))
@@ -117,13 +160,21 @@ def test_latex_is_understood_by_matplotlib(name: str) -> None:
     assert all(parses(expression.latex) for expression in SHOWN[name]().expressions)
 
 
-@pytest.mark.parametrize("label", ["_gripper", "left%$", "a^b~c", "{open", "back\\slash", "two\nlines", "ζ", "1.5"])
+@pytest.mark.parametrize(
+    "label",
+    ["_gripper", "left%$", "a^b~c", "{open", "back\\slash", "two\nlines", "ζ", "1.5"],
+)
 def test_latex_of_any_label(label: str) -> None:
-    bodies = tuple(replace(b, label=f"{label}{i}") for i, b in enumerate(arms.double_pendulum().bodies))
+    bodies = tuple(
+        replace(b, label=f"{label}{i}")
+        for i, b in enumerate(arms.double_pendulum().bodies)
+    )
     with unchecked_names():
         model = ec.base_parameters(replace(arms.double_pendulum(), bodies=bodies))
     assert all(parses(expression.latex) for expression in model.expressions)
-    assert len(to_text(model).splitlines()) == len(to_text(SHOWN["double_pendulum"]()).splitlines())
+    assert len(to_text(model).splitlines()) == len(
+        to_text(SHOWN["double_pendulum"]()).splitlines()
+    )
 
 
 # -- hostile names ----------------------------------------------------------------------------------------------------
@@ -142,7 +193,9 @@ def hostile() -> ec.BaseModel:
 
 
 def test_names_cannot_end_a_line_or_colour_the_terminal(hostile: ec.BaseModel) -> None:
-    plain = replace(hostile, reading=ReadingReport((Snap("x", "1", "2", 1e-3),), ("note",), 7))
+    plain = replace(
+        hostile, reading=ReadingReport((Snap("x", "1", "2", 1e-3),), ("note",), 7)
+    )
     named = replace(plain, mechanism=arms.double_pendulum())
     for write in WRITERS.values():
         assert "\x1b" not in write(hostile)
@@ -150,7 +203,11 @@ def test_names_cannot_end_a_line_or_colour_the_terminal(hostile: ec.BaseModel) -
 
 
 def test_names_cannot_leave_a_latex_comment(hostile: ec.BaseModel) -> None:
-    assert all(line.startswith("%") for line in to_latex(hostile).splitlines() if "script" in line)
+    assert all(
+        line.startswith("%")
+        for line in to_latex(hostile).splitlines()
+        if "script" in line
+    )
 
 
 def test_names_cannot_write_html(hostile: ec.BaseModel) -> None:
@@ -164,9 +221,13 @@ def test_names_cannot_break_a_markdown_table(hostile: ec.BaseModel) -> None:
     assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {4, 12}
 
 
-def test_names_cannot_format_the_terminal_table(hostile: ec.BaseModel, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_cannot_format_the_terminal_table(
+    hostile: ec.BaseModel, capsys: pytest.CaptureFixture[str]
+) -> None:
     arm = hostile.mechanism
-    marked = replace(arm, bodies=tuple(replace(b, name="[red]robot[/red]") for b in arm.bodies))
+    marked = replace(
+        arm, bodies=tuple(replace(b, name="[red]robot[/red]") for b in arm.bodies)
+    )
     print_model(replace(hostile, mechanism=marked))
     shown = capsys.readouterr().out
     assert "[red]robot[/red]" in shown
@@ -175,7 +236,10 @@ def test_names_cannot_format_the_terminal_table(hostile: ec.BaseModel, capsys: p
 
 # -- remarks ----------------------------------------------------------------------------------------------------------
 
-FINE, COARSE = Snap("joint 'a' roll", "1.5707963", "90°", 2.7e-8), Snap("joint 'b' roll", "1.57", "90°", 8e-4)
+FINE, COARSE = (
+    Snap("joint 'a' roll", "1.5707963", "90°", 2.7e-8),
+    Snap("joint 'b' roll", "1.57", "90°", 8e-4),
+)
 TINY = Snap("joint 'a' roll", "1.57079632679", "90°", 4.9e-12)
 REMARKS = {
     "rounding only": ReadingReport((TINY,)),
@@ -203,7 +267,10 @@ def test_symbols_without_value_are_not_invented() -> None:
 
 def test_multiples_of_angles_are_shown() -> None:
     square, sine = "cos(40*a)", "sin(40*d4)"
-    assert (TextStyle().generator(square, 2), TextStyle().generator(sine, 1)) == ("cos²(40·a)", "sin(40·d4)")
+    assert (TextStyle().generator(square, 2), TextStyle().generator(sine, 1)) == (
+        "cos²(40·a)",
+        "sin(40·d4)",
+    )
     assert LatexStyle().generator(square, 2) == r"\cos^{2}(40\,a)"
     assert LatexStyle().generator(sine, 1) == r"\sin(40\,d_{4})"
 
@@ -219,7 +286,9 @@ bodies:
 
 @pytest.mark.parametrize("writer", [to_text, to_markdown, to_latex])
 def test_a_long_coefficient_is_printed_as_its_value(writer: Callable[..., str]) -> None:
-    base = ec.base_parameters(RobotFile.of(OBLIQUE.format(l="0.3").encode(), "oblique.yaml").mechanism())
+    base = ec.base_parameters(
+        RobotFile.of(OBLIQUE.format(l="0.3").encode(), "oblique.yaml").mechanism()
+    )
     lengths = [count_terms(c) for row in base.matrix.rows for c in row.values()]
     assert max(lengths) > 20
     assert max(e.longest for e in base.readable) <= 12
@@ -233,12 +302,16 @@ def test_a_long_coefficient_is_printed_as_its_value(writer: Callable[..., str]) 
         for group in expression.groups:
             if group.decimal:
                 column = base.parameters.index(group.parameters[0])
-                assert group.coefficient.evaluate({}, float) == pytest.approx(values[row, column], rel=1e-12)
+                assert group.coefficient.evaluate({}, float) == pytest.approx(
+                    values[row, column], rel=1e-12
+                )
     assert all(len(str(e)) < 2000 for e in base.readable)
 
 
 def test_without_values_the_number_of_terms_stands_there() -> None:
-    base = ec.base_parameters(RobotFile.of(OBLIQUE.format(l="null").encode(), "oblique.yaml").mechanism())
+    base = ec.base_parameters(
+        RobotFile.of(OBLIQUE.format(l="null").encode(), "oblique.yaml").mechanism()
+    )
     text = str(base)
     assert re.search(r"\(\d\d terms\)·M2", text)
     assert r"\text{" in to_latex(base)

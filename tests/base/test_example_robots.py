@@ -52,9 +52,14 @@ def test_all_files_are_there() -> None:
     assert len(robot_files()) == 68
 
 
-@pytest.mark.parametrize("name", slow_unless(lambda name: PUBLISHED[name][0] < 180, PUBLISHED))
+@pytest.mark.parametrize(
+    "name", slow_unless(lambda name: PUBLISHED[name][0] < 180, PUBLISHED)
+)
 def test_published_counts(name: str) -> None:
-    found = tuple(ec.base_structure(load(robot_file(name), floating)).rank for floating in (False, True))
+    found = tuple(
+        ec.base_structure(load(robot_file(name), floating)).rank
+        for floating in (False, True)
+    )
     assert found == PUBLISHED[name]
 
 
@@ -62,7 +67,9 @@ def test_so100_literally() -> None:
     """One rounded π/2 makes two spurious parameters; the result names it."""
     base = ec.base_parameters(load(robot_file("so100"), floating=False))
     assert (base.rank, base.reading.literal_rank) == (36, 38)
-    assert [snap.element for snap in base.reading.decisive] == ["joint 'shoulder_pan' origin roll"]
+    assert [snap.element for snap in base.reading.decisive] == [
+        "joint 'shoulder_pan' origin roll"
+    ]
 
 
 def svd(file: Path, floating: bool) -> tuple[int, float]:
@@ -99,7 +106,9 @@ def compare(name: str, floating: bool) -> None:
     # floating point sees the numbers of the file, rounded angles included
     exact = ec.base_structure(reading.literal()).rank
     if gap < 1e3:
-        pytest.skip(f"the singular values are ambiguous: gap {gap:.0e} at {found}; exact rank {exact}")
+        pytest.skip(
+            f"the singular values are ambiguous: gap {gap:.0e} at {found}; exact rank {exact}"
+        )
     assert found == exact
 
 
@@ -110,13 +119,20 @@ def joints(name: str) -> int:
 CASES = slow_unless(lambda name: joints(name) <= LARGE, robot_files())
 
 
-@pytest.mark.parametrize("floating", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "floating", [False, pytest.param(True, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", CASES)
-def test_rounded_numbers_matter_where_they_are_known_to(name: str, floating: bool) -> None:
+def test_rounded_numbers_matter_where_they_are_known_to(
+    name: str, floating: bool
+) -> None:
     """The two SO-ARM files turn the first joint away from the vertical; everywhere else both readings agree."""
     intended = load(robot_file(name), floating)
     assert intended.reading is not None
-    surplus = ec.base_structure(intended.reading.literal()).rank - ec.base_structure(intended).rank
+    surplus = (
+        ec.base_structure(intended.reading.literal()).rank
+        - ec.base_structure(intended).rank
+    )
     assert surplus == (2 if name in ("so100", "so101") and not floating else 0)
 
 
@@ -127,7 +143,9 @@ def test_rank_equals_singular_values(name: str, floating: bool) -> None:
 
 
 def moving(name: str) -> int:
-    return len(re.findall(rb"<joint[^>]*type=.(?!fixed)", robot_files()[name].read_bytes()))
+    return len(
+        re.findall(rb"<joint[^>]*type=.(?!fixed)", robot_files()[name].read_bytes())
+    )
 
 
 def true_rank(name: str, floating: bool, tolerance: float) -> int:
@@ -135,19 +153,29 @@ def true_rank(name: str, floating: bool, tolerance: float) -> int:
     return truth.rank(bodies, truth.vector(0, 0, truth.number("-9.81")))
 
 
-@pytest.mark.parametrize("name", ["double_pendulum", "finger_edu", "ur10_robot", "so100"])
+@pytest.mark.parametrize(
+    "name", ["double_pendulum", "finger_edu", "ur10_robot", "so100"]
+)
 def test_both_readings_of_small_robots_are_the_true_ones(name: str) -> None:
     mechanism = load(robot_file(name), floating=False)
     assert mechanism.reading is not None
     assert ec.base_structure(mechanism).rank == true_rank(name, False, ANGLE_TOLERANCE)
-    assert ec.base_structure(mechanism.reading.literal()).rank == true_rank(name, False, PRECISION)
+    assert ec.base_structure(mechanism.reading.literal()).rank == true_rank(
+        name, False, PRECISION
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("floating", [False, True])
-@pytest.mark.parametrize("name", [name for name in robot_files() if moving(name) <= EXACTLY])
+@pytest.mark.parametrize(
+    "name", [name for name in robot_files() if moving(name) <= EXACTLY]
+)
 def test_both_readings_are_the_true_ones(name: str, floating: bool) -> None:
     mechanism = load(robot_file(name), floating)
     assert mechanism.reading is not None
-    assert ec.base_structure(mechanism).rank == true_rank(name, floating, ANGLE_TOLERANCE)
-    assert ec.base_structure(mechanism.reading.literal()).rank == true_rank(name, floating, PRECISION)
+    assert ec.base_structure(mechanism).rank == true_rank(
+        name, floating, ANGLE_TOLERANCE
+    )
+    assert ec.base_structure(mechanism.reading.literal()).rank == true_rank(
+        name, floating, PRECISION
+    )

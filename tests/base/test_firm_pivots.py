@@ -32,14 +32,20 @@ def arm(*axes: str) -> str:
 ARMS = {
     "six decimals": arm("1 0.0000004 -0.0000003", "0.0000002 1 0.0000004"),
     "eight decimals": arm("0.00000003 0.6 0.8", "0.00000001 0.00000002 1"),
-    "three joints": arm("0.0000003 0.0000002 1", "0.8 0.0000006 0.6", "1 0.0000001 0.0000003"),
+    "three joints": arm(
+        "0.0000003 0.0000002 1", "0.8 0.0000006 0.6", "1 0.0000001 0.0000003"
+    ),
 }
 
 
 @pytest.mark.parametrize("text", ARMS.values(), ids=ARMS)
 @pytest.mark.parametrize("budget", [0.0, 0.2])
-def test_numbers_that_nearly_vanish_are_no_representatives(text: str, budget: float) -> None:
-    robot = RobotFile.of(text.encode(), "arm.urdf").mechanism(ReadingOptions(snap_tolerance=0))
+def test_numbers_that_nearly_vanish_are_no_representatives(
+    text: str, budget: float
+) -> None:
+    robot = RobotFile.of(text.encode(), "arm.urdf").mechanism(
+        ReadingOptions(snap_tolerance=0)
+    )
     base = ec.base_parameters(robot, budget=budget)
     assert base.largest_coefficient is not None
     assert base.largest_coefficient < 1e3
@@ -51,11 +57,15 @@ def test_numbers_that_nearly_vanish_are_no_representatives(text: str, budget: fl
         q, qd, qdd = rng.uniform(-1, 1, (3, model.nv))
         wanted = pin.rnea(model, data, q, qd, qdd)
         regressor = base.regressor([q], [qd], [qdd])[0]
-        np.testing.assert_allclose(regressor @ base.values(), wanted, rtol=1e-7, atol=1e-8)
+        np.testing.assert_allclose(
+            regressor @ base.values(), wanted, rtol=1e-7, atol=1e-8
+        )
 
 
 def test_the_set_passes_verification_after_it_was_saved(tmp_path: Path) -> None:
-    robot = RobotFile.of(ARMS["six decimals"].encode(), "arm.urdf").mechanism(ReadingOptions(snap_tolerance=0))
+    robot = RobotFile.of(ARMS["six decimals"].encode(), "arm.urdf").mechanism(
+        ReadingOptions(snap_tolerance=0)
+    )
     base = ec.base_parameters(robot)
     ec.save_base(base, tmp_path / "base.json")
     read = ec.load_base(tmp_path / "base.json")
@@ -66,9 +76,17 @@ def test_the_set_passes_verification_after_it_was_saved(tmp_path: Path) -> None:
 def test_other_numbers_leave_the_classical_representatives() -> None:
     """A factor of a thousand between lengths, and lengths in millimetres, make large coefficients without harm."""
     for a, d in (("0.001", "1"), ("1500", "0"), ("0.0002", "0.9")):
-        frames = (f"alpha: pi/3, a: {a}, d: {d}", f"alpha: 0, a: {a}", f"alpha: pi/2, d: {d}")
-        rows = "[" + ", ".join(f"{{joint: revolute, {frame}}}" for frame in frames) + "]"
-        robot = RobotFile.of(f"echelon: 1\nname: r\nmodified_dh: {rows}\n".encode(), "r.yaml").mechanism()
+        frames = (
+            f"alpha: pi/3, a: {a}, d: {d}",
+            f"alpha: 0, a: {a}",
+            f"alpha: pi/2, d: {d}",
+        )
+        rows = (
+            "[" + ", ".join(f"{{joint: revolute, {frame}}}" for frame in frames) + "]"
+        )
+        robot = RobotFile.of(
+            f"echelon: 1\nname: r\nmodified_dh: {rows}\n".encode(), "r.yaml"
+        ).mechanism()
         base = ec.base_parameters(robot)
         assert firm_order(robot, base.matrix) is None
         assert base.matrix.order == tuple(range(len(base.parameters)))
@@ -78,9 +96,9 @@ def test_a_preference_that_makes_coefficients_huge_gives_way() -> None:
     """M2 hardly shows at a radius of a tenth of a micrometre."""
     frames = ("alpha: pi/2", "a: 0.0000001", "a: 1")
     rows = "[" + ", ".join(f"{{joint: revolute, {frame}}}" for frame in frames) + "]"
-    robot = RobotFile.of(f"echelon: 1\nname: r\nmodified_dh: {rows}\n".encode(), "r.yaml").mechanism(
-        ReadingOptions(snap_tolerance=0)
-    )
+    robot = RobotFile.of(
+        f"echelon: 1\nname: r\nmodified_dh: {rows}\n".encode(), "r.yaml"
+    ).mechanism(ReadingOptions(snap_tolerance=0))
     base = ec.base_parameters(robot, prefer=["M2"], budget=0)
     assert base.largest_coefficient is not None
     assert base.largest_coefficient < LARGEST_COEFFICIENT

@@ -50,7 +50,9 @@ def test_the_reduced_regressor_reproduces_the_full_one(name: str) -> None:
     if name == "arrhenius":
         variables["T"] *= 1000
     full = base.full_regressor(variables, constants)
-    assert base.regressor(variables, constants) @ base.B_float(constants) == pytest.approx(full, rel=1e-9)
+    assert base.regressor(variables, constants) @ base.B_float(
+        constants
+    ) == pytest.approx(full, rel=1e-9)
     zeta = rng.standard_normal(len(model.parameters))
     reduced = base.regressor(variables, constants) @ base.values(zeta, constants)
     assert reduced == pytest.approx(full @ zeta, rel=1e-9)
@@ -58,7 +60,9 @@ def test_the_reduced_regressor_reproduces_the_full_one(name: str) -> None:
 
 def test_constants_without_values_need_closed_forms() -> None:
     with pytest.raises(ec.ClosedFormError, match="constants"):
-        ec.base_parameters(load_linear(EXAMPLES / "aircraft_longitudinal.yaml"), budget=0)
+        ec.base_parameters(
+            load_linear(EXAMPLES / "aircraft_longitudinal.yaml"), budget=0
+        )
 
 
 def test_a_rank_that_floating_point_gets_wrong() -> None:
@@ -73,10 +77,18 @@ T, x, y, a, k = sympy.symbols("T x y a k")
 
 def test_sympy_text_and_functions_give_the_same_model() -> None:
     texts = [["sin(x + a)", "cos(x)", "sin(x)"], ["x^2*exp(-y)", "0", "abs(y)"]]
-    matrix = sympy.Matrix([[sympy.sin(x + a), sympy.cos(x), sympy.sin(x)], [x**2 * sympy.exp(-y), 0, sympy.Abs(y)]])
+    matrix = sympy.Matrix(
+        [
+            [sympy.sin(x + a), sympy.cos(x), sympy.sin(x)],
+            [x**2 * sympy.exp(-y), 0, sympy.Abs(y)],
+        ]
+    )
 
     def function(x: Any, y: Any, a: Any) -> Any:
-        return [[np.sin(x + a), np.cos(x), np.sin(x)], [x**2 * np.exp(-y), 0, np.abs(y)]]
+        return [
+            [np.sin(x + a), np.cos(x), np.sin(x)],
+            [x**2 * np.exp(-y), 0, np.abs(y)],
+        ]
 
     models = [
         ec.LinearModel(texts, ["x", "y"], ["p", "q", "r"], ["a"]),
@@ -100,16 +112,22 @@ def test_numpy_matrices_are_traced() -> None:
         R = np.array([[np.cos(q), -np.sin(q)], [np.sin(q), np.cos(q)]])
         return R @ np.array([[v, 1, 0, 2 * v], [0, v, 2, 0]])
 
-    assert ec.base_parameters(ec.LinearModel(right, ["q", "v"], ["a", "b", "c", "d"])).rank == 3
+    assert (
+        ec.base_parameters(ec.LinearModel(right, ["q", "v"], ["a", "b", "c", "d"])).rank
+        == 3
+    )
 
 
 def test_functions_of_constants_are_numbers_at_their_values() -> None:
     columns = ["sqrt(a)*x", "a*x", "exp(k/2)*y", "exp(k)*y", "2*log(3)*T", "log(9)*T"]
     names, variables = list("pqrstu"), ["x", "y", "T"]
-    base = ec.base_parameters(ec.LinearModel([columns], variables, names, {"a": "1/4", "k": 3}))
+    base = ec.base_parameters(
+        ec.LinearModel([columns], variables, names, {"a": "1/4", "k": 3})
+    )
     root = 4.4816890703380648226020554601192758190057498683696670567726500827859  # exp(3/2)
     assert base.B_float() == pytest.approx(
-        np.array([[1, 0.5, 0, 0, 0, 0], [0, 0, 1, root, 0, 0], [0, 0, 0, 0, 1, 1]]), rel=1e-15
+        np.array([[1, 0.5, 0, 0, 0, 0], [0, 0, 1, root, 0, 0], [0, 0, 0, 0, 1, 1]]),
+        rel=1e-15,
     )
     assert base.B[0, 1] == sympy.Rational(1, 2)
     assert abs(base.B[1, 3] - sympy.exp(sympy.Rational(3, 2)).n(60)) < 1e-38
@@ -119,26 +137,46 @@ def test_functions_of_constants_are_numbers_at_their_values() -> None:
     assert base.certificate.in_balls
     with pytest.raises(ec.InputError, match=r"numbers at a = 0\.25"):
         base.B_float({"a": 2.0})
-    with pytest.raises(ec.ClosedFormError, match=r"give constants values \(such as k\)"):
-        ec.base_parameters(ec.LinearModel([columns], variables, names, {"a": "1/4", "k": None}))
+    with pytest.raises(
+        ec.ClosedFormError, match=r"give constants values \(such as k\)"
+    ):
+        ec.base_parameters(
+            ec.LinearModel([columns], variables, names, {"a": "1/4", "k": None})
+        )
 
 
 def test_roots_are_short_surds() -> None:
-    columns = ["sqrt(x)", "sqrt(2*x)", "sqrt(3*x)", "sqrt(x)/sqrt(6)", "sqrt(x/4)", "sqrt(5*x)"]
+    columns = [
+        "sqrt(x)",
+        "sqrt(2*x)",
+        "sqrt(3*x)",
+        "sqrt(x)/sqrt(6)",
+        "sqrt(x/4)",
+        "sqrt(5*x)",
+    ]
     base = ec.base_parameters(ec.LinearModel([columns], ["x"], list("pqrstu")))
-    assert str(base.expressions[0]).startswith("p + √2·q + √3·r + √6/6·s + 1/2·t + 2.236067")
+    assert str(base.expressions[0]).startswith(
+        "p + √2·q + √3·r + √6/6·s + 1/2·t + 2.236067"
+    )
 
 
 def test_exact_values() -> None:
-    base = ec.base_parameters(ec.LinearModel([["x", "a*x", "exp(a)*x"]], ["x"], ["p", "q", "r"], {"a": 0.1}))
+    base = ec.base_parameters(
+        ec.LinearModel([["x", "a*x", "exp(a)*x"]], ["x"], ["p", "q", "r"], {"a": 0.1})
+    )
     assert base.B_exact[:2] == [1, sympy.Rational(1, 10)]
     assert base.values([1, 10, 0]) == pytest.approx([2])
     assert str(base.expressions[0]) == "p + a·q + 1.10517092·r"
 
 
 def test_preferred_representatives() -> None:
-    model = ec.LinearModel([["x", "2*x", "y"]], ["x", "y"], ["p", "q", "r"], units=["m", "s", "kg"])
-    assert [str(e) for e in ec.base_parameters(model, prefer=["q"]).expressions] == ["q + 1/2·p", "r"]
+    model = ec.LinearModel(
+        [["x", "2*x", "y"]], ["x", "y"], ["p", "q", "r"], units=["m", "s", "kg"]
+    )
+    assert [str(e) for e in ec.base_parameters(model, prefer=["q"]).expressions] == [
+        "q + 1/2·p",
+        "r",
+    ]
     assert ec.base_parameters(model).units == ("m", "kg")
     with pytest.raises(ec.InputError, match="'z' is not a parameter"):
         ec.base_parameters(model, prefer=["z"])
@@ -148,8 +186,18 @@ def test_preferred_representatives() -> None:
 
 def test_friction() -> None:
     columns = "sign(v) v abs(v) v*sign(v) tanh(v/a) (exp(2*v/a)-1)/(exp(2*v/a)+1) sign(v)*exp(-abs(v)/k)"
-    base = ec.base_parameters(ec.LinearModel([columns.split()], ["v"], [f"F{i}" for i in range(7)], ["a", "k"]))
-    assert [str(e) for e in base.expressions] == ["F0", "F1", "F2 + F3", "F4 + F5", "F6"]
+    base = ec.base_parameters(
+        ec.LinearModel(
+            [columns.split()], ["v"], [f"F{i}" for i in range(7)], ["a", "k"]
+        )
+    )
+    assert [str(e) for e in base.expressions] == [
+        "F0",
+        "F1",
+        "F2 + F3",
+        "F4 + F5",
+        "F6",
+    ]
 
 
 NOT_LINEAR = {
@@ -165,29 +213,51 @@ NOT_LINEAR = {
 @pytest.mark.parametrize(("output", "why"), NOT_LINEAR.items(), ids=NOT_LINEAR)
 def test_nonlinear_models_are_refused_with_the_reason(output: str, why: str) -> None:
     with pytest.raises(ec.InputError) as caught:
-        LinearModel.from_outputs(["p*x", output], ["x"], ["p", "q"], outputs=["first", "second"])
+        LinearModel.from_outputs(
+            ["p*x", output], ["x"], ["p", "q"], outputs=["first", "second"]
+        )
     assert why in str(caught.value)
     assert "output 'second'" in str(caught.value)
 
 
 def test_what_cancels_is_linear() -> None:
-    model = LinearModel.from_outputs(["(x + p)**2 - p*p - x*x + sin(x)**2 - (1 - cos(x)**2)"], ["x"], ["p"])
+    model = LinearModel.from_outputs(
+        ["(x + p)**2 - p*p - x*x + sin(x)**2 - (1 - cos(x)**2)"], ["x"], ["p"]
+    )
     assert model.regressor.shape == (1, 1)
     assert ec.base_parameters(model).rank == 1
 
 
 BAD = {
     "shape": (lambda: LinearModel([["x"]], ["x"], ["p", "q"]), r"X has shape \(1, 1\)"),
-    "ragged": (lambda: LinearModel([["x"], ["x", "1"]], ["x"], ["p"]), "different lengths"),
-    "unknown": (lambda: LinearModel([["z"]], ["x"], ["p"]), r"X\[0, 0\].*'z' is unknown"),
+    "ragged": (
+        lambda: LinearModel([["x"], ["x", "1"]], ["x"], ["p"]),
+        "different lengths",
+    ),
+    "unknown": (
+        lambda: LinearModel([["z"]], ["x"], ["p"]),
+        r"X\[0, 0\].*'z' is unknown",
+    ),
     "twice": (lambda: LinearModel([["x"]], ["x"], ["x"]), "declared twice"),
     "parameter in X": (lambda: LinearModel([["p*x"]], ["x"], ["p"]), "'p' is unknown"),
-    "sympy": (lambda: LinearModel(sympy.Matrix([sympy.gamma(x)]), [x], ["p"]), r"X\[0, 0\].*gamma"),
+    "sympy": (
+        lambda: LinearModel(sympy.Matrix([sympy.gamma(x)]), [x], ["p"]),
+        r"X\[0, 0\].*gamma",
+    ),
     "no parameters": (lambda: LinearModel([[]], ["x"], []), "at least one parameter"),
-    "units": (lambda: LinearModel([["x"]], ["x"], ["p"], units=["m", "s"]), "2 units for 1 parameters"),
-    "outputs": (lambda: LinearModel([["x"]], ["x"], ["p"], outputs=["a", "b"]), "1 different names"),
+    "units": (
+        lambda: LinearModel([["x"]], ["x"], ["p"], units=["m", "s"]),
+        "2 units for 1 parameters",
+    ),
+    "outputs": (
+        lambda: LinearModel([["x"]], ["x"], ["p"], outputs=["a", "b"]),
+        "1 different names",
+    ),
     "value": (lambda: LinearModel([["x"]], ["x"], ["p"], {"a": "big"}), "constant 'a'"),
-    "branch": (lambda: LinearModel(lambda x: [[x if x > 0 else 0]], ["x"], ["p"]), "comparison of a recorded value"),
+    "branch": (
+        lambda: LinearModel(lambda x: [[x if x > 0 else 0]], ["x"], ["p"]),
+        "comparison of a recorded value",
+    ),
     "text for list": (lambda: LinearModel([["x"]], "x", ["p"]), "needs a list"),
 }
 
@@ -199,19 +269,27 @@ def test_bad_models(make: Any, problem: str) -> None:
 
 
 RELATED = {
-    "arc tangents whose derivatives depend on one another": (["atan(x)", "x", "atan(x/(1 + sqrt(1 + x^2)))"], 2),
+    "arc tangents whose derivatives depend on one another": (
+        ["atan(x)", "x", "atan(x/(1 + sqrt(1 + x^2)))"],
+        2,
+    ),
     "the root of a sum": (["exp(sqrt(1 + x^2))", "exp(2*sqrt(1 + x^2))"], 2),
     "a function of an arc tangent": (["exp(atan(x))", "x"], 2),
     "fine fractions as powers": (["1", "x^1e-20", "x^2"], 3),
     "almost the same": (["exp(x)", "exp(x) + 1e-30*x", "1"], 3),
     "values far apart": (["1", "sign(x - 1000)", "exp(x)"], 3),
-    "an arc tangent beyond its pole": (["atan(1/(x - 1000))", "atan(x - 1000)", "1"], 3),
+    "an arc tangent beyond its pole": (
+        ["atan(1/(x - 1000))", "atan(x - 1000)", "1"],
+        3,
+    ),
 }
 
 
 @pytest.mark.parametrize(("columns", "rank"), RELATED.values(), ids=RELATED)
 def test_functions_of_functions(columns: list[str], rank: int) -> None:
-    base = ec.base_parameters(LinearModel([columns], ["x"], [f"p{i}" for i in range(len(columns))]))
+    base = ec.base_parameters(
+        LinearModel([columns], ["x"], [f"p{i}" for i in range(len(columns))])
+    )
     assert base.rank == rank
     assert not base.certificate.unchecked
 
@@ -223,12 +301,18 @@ POOL = ["x", "y", "x*y", "exp(x)", "exp(x + y)", "log(y**2)", "log(x*y)", "sin(x
 @settings(deadline=None, max_examples=12)
 @given(st.data())
 def test_planted_dependences_are_found(data: Any) -> None:
-    chosen = data.draw(st.lists(st.sampled_from(POOL), min_size=2, max_size=5, unique=True))
-    factors = data.draw(st.lists(st.integers(-5, 5), min_size=len(chosen), max_size=len(chosen)))
+    chosen = data.draw(
+        st.lists(st.sampled_from(POOL), min_size=2, max_size=5, unique=True)
+    )
+    factors = data.draw(
+        st.lists(st.integers(-5, 5), min_size=len(chosen), max_size=len(chosen))
+    )
     planted = " + ".join(f"({f})*({c})" for f, c in zip(factors, chosen, strict=True))
     names = [f"p{i}" for i in range(len(chosen))]
     alone = ec.base_parameters(LinearModel([chosen], ["x", "y"], names)).rank
-    base = ec.base_parameters(LinearModel([[*chosen, planted]], ["x", "y"], [*names, "s"]))
+    base = ec.base_parameters(
+        LinearModel([[*chosen, planted]], ["x", "y"], [*names, "s"])
+    )
     assert base.rank == alone
     assert alone == len(chosen)
     assert list(base.B[:, len(chosen)]) == factors
@@ -243,8 +327,12 @@ def test_documents(tmp_path: Path) -> None:
     head = "echelon: 1\nmodel: linear\nvariables: [x]\nparameters: [p]\n"
     assert "give either outputs or regressor" in refused(head)
     assert "colour" in refused(head + "colour: red\noutputs: {y: p*x}\n")
-    assert "model.yaml: output 'y': not linear" in refused(head + "outputs: {y: p*p*x}\n")
-    assert "parameters" in refused("echelon: 1\nmodel: linear\nvariables: [x]\noutputs: {y: x}\n")
+    assert "model.yaml: output 'y': not linear" in refused(
+        head + "outputs: {y: p*p*x}\n"
+    )
+    assert "parameters" in refused(
+        "echelon: 1\nmodel: linear\nvariables: [x]\noutputs: {y: x}\n"
+    )
     with pytest.raises(ec.InputError, match="cannot be read"):
         load_linear(tmp_path / "none.yaml")
 
@@ -253,8 +341,12 @@ def test_documents(tmp_path: Path) -> None:
 def test_saved_documents_hold_the_model(name: str) -> None:
     base = ec.base_parameters(load_linear(EXAMPLES / f"{name}.yaml"))
     record = json.loads(to_json(base))
-    again = ec.base_parameters(read_linear(read_text(json.dumps(record["model"]), "model.json")))
-    assert [str(e) for e in again.expressions] == [row["expression"] for row in record["base"]]
+    again = ec.base_parameters(
+        read_linear(read_text(json.dumps(record["model"]), "model.json"))
+    )
+    assert [str(e) for e in again.expressions] == [
+        row["expression"] for row in record["base"]
+    ]
     assert record["rank"] == base.rank
 
 
@@ -264,13 +356,23 @@ def test_outputs_without_names_are_counted_from_one() -> None:
 
 def test_display() -> None:
     base = ec.base_parameters(load_linear(EXAMPLES / "single_track.yaml"))
-    assert str(base).startswith("single-track vehicle, yaw only: 4 base parameters of 6 parameters, 1 output\n")
+    assert str(base).startswith(
+        "single-track vehicle, yaw only: 4 base parameters of 6 parameters, 1 output\n"
+    )
     assert "unidentifiable: m" in str(base)
-    assert r"\bar\zeta_{2} &= \mathrm{cf} + \frac{1}{\mathrm{lf}}\,\mathrm{cft}" in to_latex(base)
+    assert (
+        r"\bar\zeta_{2} &= \mathrm{cf} + \frac{1}{\mathrm{lf}}\,\mathrm{cft}"
+        in to_latex(base)
+    )
     assert "| 2 | cf + (1/lf)·cft | N/rad |" in to_markdown(base)
-    assert repr(base) == "LinearBase(single-track vehicle, yaw only: 4 base parameters of 6)"
+    assert (
+        repr(base)
+        == "LinearBase(single-track vehicle, yaw only: 4 base parameters of 6)"
+    )
 
 
 def test_powers_that_are_fine_fractions() -> None:
-    base = ec.base_parameters(ec.LinearModel([["1", "x^0.333333333333", "x^2"]], ["x"], ["a", "b", "c"]))
+    base = ec.base_parameters(
+        ec.LinearModel([["1", "x^0.333333333333", "x^2"]], ["x"], ["a", "b", "c"])
+    )
     assert base.rank == 3

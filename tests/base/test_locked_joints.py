@@ -32,7 +32,11 @@ def still_in_mujoco(text: str) -> set[str]:
     jacobian[:] = data.efc_J.reshape(data.nefc, model.nv)
     _, singular, turned = np.linalg.svd(jacobian)
     allowed = turned[(singular > 1e-9).sum() :]
-    return {model.joint(k).name for k in range(model.njnt) if np.abs(allowed[:, k]).max(initial=0.0) < 1e-9}
+    return {
+        model.joint(k).name
+        for k in range(model.njnt)
+        if np.abs(allowed[:, k]).max(initial=0.0) < 1e-9
+    }
 
 
 @pytest.mark.parametrize("text", [LEG, FREE])
@@ -40,13 +44,17 @@ def test_locked_joints_are_those_that_mujoco_cannot_move(text: str) -> None:
     assert set(locked_joints(ec.load(text))) == still_in_mujoco(text)
 
 
-def test_locked_joints_are_named_with_the_result_and_drives_that_are_locked_doubted() -> None:
+def test_locked_joints_are_named_with_the_result_and_drives_that_are_locked_doubted() -> (
+    None
+):
     base = ec.base_parameters(ec.load(LEG))
     assert base.rank == 3
     (note,) = [note for note in base.reading.notes if note.startswith("cannot move")]
     assert note.endswith("'knee', 'motor', 'rod'")
     assert "'motor'" in base.reading.doubt
-    with pytest.warns(ec.DoubtWarning, match="the loops hold what drives are to move: 'motor'"):
+    with pytest.warns(
+        ec.DoubtWarning, match="the loops hold what drives are to move: 'motor'"
+    ):
         ec.base_structure(ec.load(LEG))
 
 
@@ -67,4 +75,6 @@ couplings: [{c: 2*b}]
 
 def test_joints_are_locked_in_any_geometry_where_lengths_have_no_values() -> None:
     assert locked_joints(ec.load(NAMED)) == ("b", "c")
-    assert locked_joints(ec.load(NAMED.replace("l1: null, l2: null", "l1: 0.3, l2: 0.2"))) == ("b", "c")
+    assert locked_joints(
+        ec.load(NAMED.replace("l1: null, l2: null", "l1: 0.3, l2: 0.2"))
+    ) == ("b", "c")

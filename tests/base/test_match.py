@@ -28,10 +28,20 @@ def check_torques(matched: ec.Match) -> None:
     theirs = [matched.sign * part[:, order] for part in (q, qd, qdd)]
     theirs[0] += matched.offset
     standard = rng.uniform(-1, 1, len(matched.first.parameters))
-    expected = matched.sign * (matched.first.standard_regressor(q, qd, qdd) @ standard)[:, order]
-    moved, base = matched.standard_map @ standard, matched.base_map @ matched.first.values(standard)
-    np.testing.assert_allclose(matched.second.standard_regressor(*theirs) @ moved, expected, atol=1e-9)
-    np.testing.assert_allclose(matched.second.regressor(*theirs) @ base, expected, atol=1e-9)
+    expected = (
+        matched.sign
+        * (matched.first.standard_regressor(q, qd, qdd) @ standard)[:, order]
+    )
+    moved, base = (
+        matched.standard_map @ standard,
+        matched.base_map @ matched.first.values(standard),
+    )
+    np.testing.assert_allclose(
+        matched.second.standard_regressor(*theirs) @ moved, expected, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        matched.second.regressor(*theirs) @ base, expected, atol=1e-9
+    )
 
 
 def test_ur10_in_standard_dh_and_urdf() -> None:
@@ -47,11 +57,17 @@ def test_ur10_in_standard_dh_and_urdf() -> None:
 
 def test_panda_in_modified_dh_and_urdf(tmp_path: Path) -> None:
     arm = robot_file("panda").read_text().replace('type="prismatic"', 'type="fixed"')
-    matched = ec.match(ec.load(EXAMPLES / "panda.yaml"), described(tmp_path, arm, "arm.urdf"))
-    np.testing.assert_allclose(matched.base_map, np.eye(43), atol=1e-12)  # the URDF's frames are those of the table
+    matched = ec.match(
+        ec.load(EXAMPLES / "panda.yaml"), described(tmp_path, arm, "arm.urdf")
+    )
+    np.testing.assert_allclose(
+        matched.base_map, np.eye(43), atol=1e-12
+    )  # the URDF's frames are those of the table
 
 
-def test_other_parameters_of_a_tree_by_those_of_its_mirrored_zero_pose(tmp_path: Path) -> None:
+def test_other_parameters_of_a_tree_by_those_of_its_mirrored_zero_pose(
+    tmp_path: Path,
+) -> None:
     """Signs, offsets and order of coordinates, axes at right angles, slides, and a branch."""
     limit = "<limit lower='-1' upper='1' effort='1' velocity='1'/>"
     text = f"""<robot name="{{name}}"><link name="o"/><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
@@ -63,9 +79,28 @@ def test_other_parameters_of_a_tree_by_those_of_its_mirrored_zero_pose(tmp_path:
         <origin xyz="0.2 0 {{z}}"/><axis xyz="{{third}} 0 0"/></joint>
       <joint name="four" type="revolute"><parent link="a"/><child link="d"/>{limit}
         <origin xyz="0 0.3 -0.4"/><axis xyz="0 0.6 0.8"/></joint></robot>"""
-    plain = {"name": "plain", "height": 0, "first": 1, "second": 1, "third": 1, "x": "0.5 0 0", "z": 0}
-    turned = {"name": "turned", "height": 2, "first": -1, "second": -1, "third": -1, "x": "0.5 0 1", "z": 0.25}
-    one, two = (described(tmp_path, text.format(**v), f"{v['name']}.urdf") for v in (plain, turned))
+    plain = {
+        "name": "plain",
+        "height": 0,
+        "first": 1,
+        "second": 1,
+        "third": 1,
+        "x": "0.5 0 0",
+        "z": 0,
+    }
+    turned = {
+        "name": "turned",
+        "height": 2,
+        "first": -1,
+        "second": -1,
+        "third": -1,
+        "x": "0.5 0 1",
+        "z": 0.25,
+    }
+    one, two = (
+        described(tmp_path, text.format(**v), f"{v['name']}.urdf")
+        for v in (plain, turned)
+    )
     matched = ec.match(one, two)
     assert matched.sign.tolist() == [-1, -1, -1, 1]
     check_torques(matched)
@@ -80,7 +115,10 @@ def test_a_coaxial_joint_before_its_sibling(tmp_path: Path) -> None:
       <joint name="three" type="continuous"><parent link="a"/><child link="c"/>
         <origin xyz="{x} {y} 0" rpy="0 0 {turn}"/><axis xyz="1 0 0"/></joint></robot>"""
     c, s = math.cos(0.5), math.sin(0.5)
-    zero = {"plain": (0, 0.2, 0.1), "turned": (-0.5, 0.2 * c + 0.1 * s, 0.1 * c - 0.2 * s)}
+    zero = {
+        "plain": (0, 0.2, 0.1),
+        "turned": (-0.5, 0.2 * c + 0.1 * s, 0.1 * c - 0.2 * s),
+    }
     one, two = (
         described(tmp_path, text.format(name=name, turn=turn, x=x, y=y), f"{name}.urdf")
         for name, (turn, x, y) in zero.items()
@@ -94,17 +132,24 @@ def test_what_differs_is_named(tmp_path: Path) -> None:
     text = (EXAMPLES / "rx90.yaml").read_text()
     robot = described(tmp_path, text)
     differences = {
-        "joints 'j5' and 'j5': the geometry differs: their axes are 0.01 m apart": text.replace("0.45}", "0.46}"),
+        "joints 'j5' and 'j5': the geometry differs: their axes are 0.01 m apart": text.replace(
+            "0.45}", "0.46}"
+        ),
         "joints 'j3' and 'j3': the geometry differs: their axes are 30° apart": text.replace(
             "a: D3", "a: D3, alpha: pi/6"
         ),
         "gravity has another direction": text + "gravity: [0, 9.81, 0]\n",
         "couplings, loops and effects cannot be matched": text + "effects: [viscous]\n",
-        "symbol 'D3' has no value": text.replace("{D3: 0.45, RL4: 0.45}", "{D3: null, RL4: null}"),
-        "'j6' carries 0 moving bodies, its counterpart 'j6' 1": text.rstrip() + "\n  - {joint: revolute}\n",
+        "symbol 'D3' has no value": text.replace(
+            "{D3: 0.45, RL4: 0.45}", "{D3: null, RL4: null}"
+        ),
+        "'j6' carries 0 moving bodies, its counterpart 'j6' 1": text.rstrip()
+        + "\n  - {joint: revolute}\n",
     }
     for problem, changed in differences.items():
         with pytest.raises(ec.InputError, match=problem):
             ec.match(robot, described(tmp_path, changed))
-    with pytest.raises(ec.InputError, match="only revolute and prismatic joints can be matched"):
+    with pytest.raises(
+        ec.InputError, match="only revolute and prismatic joints can be matched"
+    ):
         ec.match(robot, ec.load(EXAMPLES / "floating_tree.yaml"))

@@ -32,7 +32,10 @@ def ranks(folder: Path, name: str, text: str) -> list[MimicRanks | None]:
     """The counts that stand in the reports of both readings, which are those of the readings themselves."""
     (folder / "gripper.urdf").write_text(GRIPPER)
     (folder / name).write_text(text)
-    bases = [ec.base_parameters(ec.load(folder / name, independent_mimics=mimics)) for mimics in (False, True)]
+    bases = [
+        ec.base_parameters(ec.load(folder / name, independent_mimics=mimics))
+        for mimics in (False, True)
+    ]
     for base in bases:
         if base.reading.mimics is not None:
             assert base.reading.mimics == MimicRanks(*(other.rank for other in bases))
@@ -40,8 +43,13 @@ def ranks(folder: Path, name: str, text: str) -> list[MimicRanks | None]:
     return [base.reading.mimics for base in bases]
 
 
-@pytest.mark.parametrize(("name", "text"), [("gripper.urdf", GRIPPER), ("a.xml", TENDON), ("setup.yaml", SETUP)])
-def test_both_counts_stand_in_both_reports(tmp_path: Path, name: str, text: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("gripper.urdf", GRIPPER), ("a.xml", TENDON), ("setup.yaml", SETUP)],
+)
+def test_both_counts_stand_in_both_reports(
+    tmp_path: Path, name: str, text: str
+) -> None:
     found = ranks(tmp_path, name, text)
     assert found[0] == found[1] is not None
 
@@ -52,19 +60,32 @@ def test_files_without_couplings_have_one_count(tmp_path: Path) -> None:
 
 def test_couplings_that_make_no_sense_are_left_alone_on_request(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(URDF.replace("MIMIC", '<mimic joint="ghost"/>'))
-    assert ec.base_parameters(ec.load(tmp_path / "r.urdf", independent_mimics=True)).reading.mimics is None
+    assert (
+        ec.base_parameters(
+            ec.load(tmp_path / "r.urdf", independent_mimics=True)
+        ).reading.mimics
+        is None
+    )
 
 
 def test_saved_sets_keep_both_counts(tmp_path: Path) -> None:
     base = ec.base_parameters(ec.load(robot_file("panda")))
     assert base.reading.mimics == MimicRanks(48, 51)
     ec.save_base(base, tmp_path / "base.json")
-    assert json.loads((tmp_path / "base.json").read_text())["reading"]["mimics"] == {"coupled": 48, "independent": 51}
+    assert json.loads((tmp_path / "base.json").read_text())["reading"]["mimics"] == {
+        "coupled": 48,
+        "independent": 51,
+    }
     assert ec.load_base(tmp_path / "base.json").reading.mimics == base.reading.mimics
 
 
 def test_the_rank_alone_has_both_counts(tmp_path: Path) -> None:
     both = ranks(tmp_path, "gripper.urdf", GRIPPER)[0]
-    for arguments, wanted in (([], f"mimic joints: {both}"), (["--json"], '"mimics": {')):
-        shown = CliRunner().invoke(app, ["derive", str(tmp_path / "gripper.urdf"), "--rank-only", *arguments])
+    for arguments, wanted in (
+        ([], f"mimic joints: {both}"),
+        (["--json"], '"mimics": {'),
+    ):
+        shown = CliRunner().invoke(
+            app, ["derive", str(tmp_path / "gripper.urdf"), "--rank-only", *arguments]
+        )
         assert wanted in shown.output

@@ -42,22 +42,50 @@ def four_bars_in_series(count: int) -> Mechanism:
         pivots.append(pivots[-1] + 0.4 + 0.017 * k)
         x, y = pivots[k] + bars[k] * cos(angles[k]), bars[k] * sin(angles[k])
 
-        def gap(t: float, x: float = x, y: float = y, k: int = k, bar: float = bar, coupler: float = coupler) -> float:
-            return (pivots[k + 1] + bar * cos(t) - x) ** 2 + (bar * sin(t) - y) ** 2 - coupler**2
+        def gap(
+            t: float,
+            x: float = x,
+            y: float = y,
+            k: int = k,
+            bar: float = bar,
+            coupler: float = coupler,
+        ) -> float:
+            return (
+                (pivots[k + 1] + bar * cos(t) - x) ** 2
+                + (bar * sin(t) - y) ** 2
+                - coupler**2
+            )
 
         angle = float(brentq(gap, 0.2, pi - 0.4))
-        turned = atan2(bar * sin(angle) - y, pivots[k + 1] + bar * cos(angle) - x) - angles[k]
+        turned = (
+            atan2(bar * sin(angle) - y, pivots[k + 1] + bar * cos(angle) - x)
+            - angles[k]
+        )
         bodies += [
             f"{{name: c{k}, parent: r{k}, joint: {{type: revolute, axis: z, origin: {{xyz: [{bars[k]:.3f}, 0, 0]}}}}}}",
             f"{{name: r{k + 1}, joint: {{type: revolute, axis: z, origin: {{xyz: [{pivots[k + 1]:.3f}, 0, 0]}}}}}}",
         ]
-        ends = f"at: {{xyz: [{coupler:.3f}, 0, 0]}}, on_second: {{xyz: [{bar:.3f}, 0, 0]}}"
-        loops.append(f"{{name: p{k}, joint: revolute, connects: [c{k}, r{k + 1}], {ends}}}")
+        ends = (
+            f"at: {{xyz: [{coupler:.3f}, 0, 0]}}, on_second: {{xyz: [{bar:.3f}, 0, 0]}}"
+        )
+        loops.append(
+            f"{{name: p{k}, joint: revolute, connects: [c{k}, r{k + 1}], {ends}}}"
+        )
         pose += [f"c{k}: {turned:.5f}", f"r{k + 1}: {angle:.5f}"]
         bars.append(bar)
         angles.append(angle)
-    lines = ["echelon: 1", "gravity: [0, -9.81, 0]", "bodies:", *(f"  - {body}" for body in bodies)]
-    lines += ["loops:", *(f"  - {loop}" for loop in loops), "independent: [r0]", f"assembly: {{{', '.join(pose)}}}"]
+    lines = [
+        "echelon: 1",
+        "gravity: [0, -9.81, 0]",
+        "bodies:",
+        *(f"  - {body}" for body in bodies),
+    ]
+    lines += [
+        "loops:",
+        *(f"  - {loop}" for loop in loops),
+        "independent: [r0]",
+        f"assembly: {{{', '.join(pose)}}}",
+    ]
     return read("\n".join(lines))
 
 

@@ -21,9 +21,10 @@ def example(name: str, **options: object) -> ec.BaseModel:
 
 def floats(matrix: sympy.Matrix, values: dict[str, float]) -> np.ndarray:
     names = sorted(matrix.free_symbols, key=str)
-    return np.array(sympy.lambdify(names, matrix.tolist())(*(values[str(n)] for n in names)), dtype=float).reshape(
-        matrix.shape
-    )
+    return np.array(
+        sympy.lambdify(names, matrix.tolist())(*(values[str(n)] for n in names)),
+        dtype=float,
+    ).reshape(matrix.shape)
 
 
 def test_double_pendulum_by_hand() -> None:
@@ -31,7 +32,9 @@ def test_double_pendulum_by_hand() -> None:
     base, length = example("double_pendulum"), sympy.Symbol("l1")
     found = base.pseudo_inverse()
     assert found.shape == (20, 6)
-    assert sympy.simplify(found[5, 0] - (1 + length**2) / (1 + length**2 + length**4)) == 0
+    assert (
+        sympy.simplify(found[5, 0] - (1 + length**2) / (1 + length**2 + length**4)) == 0
+    )
     assert sympy.simplify(found[19, 0] - length**2 / (1 + length**2 + length**4)) == 0
     assert found[7, 2] == 1
     assert (base.B * found).applyfunc(sympy.simplify) == sympy.eye(6)
@@ -46,9 +49,19 @@ def test_theorem_for_every_kind_of_metric(metric: str) -> None:
         "identity": "identity",
         "diagonal": weights,
         "symbols": [a, *weights[1:-1], length**2],
-        "full": sympy.Matrix(n, n, lambda i, j: weights[i] if i == j else sympy.Rational(abs(i - j) == 14, 9)),
+        "full": sympy.Matrix(
+            n,
+            n,
+            lambda i, j: weights[i] if i == j else sympy.Rational(abs(i - j) == 14, 9),
+        ),
     }[metric]
-    s = sympy.eye(n) if metric == "identity" else given if metric == "full" else sympy.diag(*given)
+    s = (
+        sympy.eye(n)
+        if metric == "identity"
+        else given
+        if metric == "full"
+        else sympy.diag(*given)
+    )
     gram = base.B * s * base.B.T
     residual = base.pseudo_inverse(given) * gram - s * base.B.T
     assert residual.applyfunc(sympy.cancel).is_zero_matrix
@@ -68,28 +81,38 @@ def test_angles_and_roots() -> None:
     rows = ["R 0 0 0", "R beta a 0", "R pi/4 b 0"]
     values = {"a": "0.3", "b": "-0.45", "g": "9.81", "beta": "0.7"}
     base = ec.base_parameters(arms.modified_dh("skew", *rows, values=values))
-    found = floats(base.pseudo_inverse(), {name: float(text) for name, text in values.items()})
+    found = floats(
+        base.pseudo_inverse(), {name: float(text) for name, text in values.items()}
+    )
     np.testing.assert_allclose(found, base.pseudo_inverse_float("identity"), atol=1e-9)
 
 
 def test_representatives_with_quotients() -> None:
     base = example("double_pendulum", prefer=["M2"])
     found = floats(base.pseudo_inverse(), {"l1": 0.3})
-    np.testing.assert_allclose(found, np.linalg.pinv(base.B_float({"l1": 0.3})), atol=1e-12)
+    np.testing.assert_allclose(
+        found, np.linalg.pinv(base.B_float({"l1": 0.3})), atol=1e-12
+    )
 
 
 def test_rx90_in_closed_form() -> None:
     base = example("rx90")
     values = {"D3": 0.45, "RL4": 0.4}
     found = base.pseudo_inverse()
-    np.testing.assert_allclose(floats(found, values), np.linalg.pinv(base.B_float(values)), atol=1e-10)
-    row = {sympy.Symbol(name): sympy.Rational(str(value)) for name, value in values.items()}
+    np.testing.assert_allclose(
+        floats(found, values), np.linalg.pinv(base.B_float(values)), atol=1e-10
+    )
+    row = {
+        sympy.Symbol(name): sympy.Rational(str(value)) for name, value in values.items()
+    }
     assert (base.B[0, :].subs(row) * found.subs(row))[0, 0] == 1
 
 
 def test_linear_models_too() -> None:
     t, k = sympy.symbols("t k")
-    model = ec.LinearModel([[sympy.cos(t), sympy.exp(t), k * sympy.cos(t)]], ["t"], ["a", "b", "c"], ["k"])
+    model = ec.LinearModel(
+        [[sympy.cos(t), sympy.exp(t), k * sympy.cos(t)]], ["t"], ["a", "b", "c"], ["k"]
+    )
     found = ec.base_parameters(model).pseudo_inverse()
     assert sympy.simplify(found[2, 0] - k / (1 + k**2)) == 0
 
@@ -117,8 +140,15 @@ def test_floats_give_the_lift() -> None:
         ([1] * 19 + [-1], "not positive definite"),
         ([1] * 19 + [sympy.sqrt(2)], "rational"),
         (["x +"] + [1] * 19, "'x \\+' is not"),
-        (sympy.eye(20) + sympy.Matrix(20, 20, lambda i, j: int((i, j) == (0, 1))), "not symmetric"),
-        (sympy.eye(20) + 2 * sympy.Matrix(20, 20, lambda i, j: int({i, j} == {0, 1})), "not positive definite"),
+        (
+            sympy.eye(20) + sympy.Matrix(20, 20, lambda i, j: int((i, j) == (0, 1))),
+            "not symmetric",
+        ),
+        (
+            sympy.eye(20)
+            + 2 * sympy.Matrix(20, 20, lambda i, j: int({i, j} == {0, 1})),
+            "not positive definite",
+        ),
     ],
 )
 def test_metrics_that_are_none(metric: object, words: str) -> None:
@@ -127,7 +157,10 @@ def test_metrics_that_are_none(metric: object, words: str) -> None:
 
 
 def test_what_is_too_long_is_refused() -> None:
-    with pytest.raises(ClosedFormError, match="more than 50 terms; numbers for symbols, or pseudo_inverse_float"):
+    with pytest.raises(
+        ClosedFormError,
+        match="more than 50 terms; numbers for symbols, or pseudo_inverse_float",
+    ):
         pseudo_inverse(example("rx90").matrix, "identity", {}, most_terms=50)
 
 
@@ -140,4 +173,8 @@ def test_panda_in_closed_form() -> None:
     rows = [0, 19, 29, 69]
     some = sympy.Matrix([list(found[r, :]) for r in rows])
     numbers = sympy.lambdify(names, some.tolist())(*(values[str(n)] for n in names))
-    np.testing.assert_allclose(np.array(numbers, dtype=float), np.linalg.pinv(base.B_float(values))[rows], atol=1e-9)
+    np.testing.assert_allclose(
+        np.array(numbers, dtype=float),
+        np.linalg.pinv(base.B_float(values))[rows],
+        atol=1e-9,
+    )

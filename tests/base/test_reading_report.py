@@ -25,7 +25,14 @@ from support.zoo import ZOO
 
 @pytest.mark.parametrize(
     ("name", "rank"),
-    [("double_pendulum", 6), ("panda", 43), ("rx90", 36), ("scara", 8), ("gripper_coupled", 15), ("tx40", 61)],
+    [
+        ("double_pendulum", 6),
+        ("panda", 43),
+        ("rx90", 36),
+        ("scara", 8),
+        ("gripper_coupled", 15),
+        ("tx40", 61),
+    ],
 )
 def test_published_ranks_at_every_tolerance(name: str, rank: int) -> None:
     found = numeric_ranks(ec.load(EXAMPLES / f"{name}.yaml"), pivoted=True)
@@ -36,7 +43,9 @@ def test_published_ranks_at_every_tolerance(name: str, rank: int) -> None:
     assert widest[1] < 100
 
 
-@pytest.mark.parametrize(("name", "rank"), [("four_bar", 8), ("parallelogram", 3), ("three_rps", 25)])
+@pytest.mark.parametrize(
+    ("name", "rank"), [("four_bar", 8), ("parallelogram", 3), ("three_rps", 25)]
+)
 def test_linkages_at_closed_states(name: str, rank: int) -> None:
     found = numeric_ranks(ec.load(EXAMPLES / f"loops/{name}.yaml"))
     assert found.ranks[:2] == (rank, rank)
@@ -46,10 +55,20 @@ def test_linkages_at_closed_states(name: str, rank: int) -> None:
 def test_float_ranks_of_loops_do_not_depend_on_the_unit_of_length() -> None:
     """Nor does what hardly shows: in millimetres, inertias did."""
     text = (EXAMPLES / "loops/four_bar.yaml").read_text()
-    lengths = {"0.4,": "400,", "0.15,": "150,", "0.35,": "350,", "0.3,": "300,", "-9.81": "-9810"}
-    in_millimetres = reduce(lambda known, pair: known.replace(*pair), lengths.items(), text)
+    lengths = {
+        "0.4,": "400,",
+        "0.15,": "150,",
+        "0.35,": "350,",
+        "0.3,": "300,",
+        "-9.81": "-9810",
+    }
+    in_millimetres = reduce(
+        lambda known, pair: known.replace(*pair), lengths.items(), text
+    )
     with pytest.warns(ec.DoubtWarning, match="millimetres"):
-        one, other = (numeric_ranks(ec.load(robot)).singular for robot in (text, in_millimetres))
+        one, other = (
+            numeric_ranks(ec.load(robot)).singular for robot in (text, in_millimetres)
+        )
     np.testing.assert_allclose(one[:8], other[:8], rtol=1e-6)
 
 
@@ -80,26 +99,39 @@ def test_a_column_of_rounding_is_not_scaled_up() -> None:
     gravity = "gx gy gz"
     placed = arms.place("0 0 0", "pi/6 pi/4 pi/3")
     values = {"gx": "1.1", "gy": "-2.3", "gz": "-9.1", "a": "0.3"}
-    bodies = [arms.body(k, k - 1, "spherical", placed, ball(f"q{k}")) for k in (1, 2, 3)]
+    bodies = [
+        arms.body(k, k - 1, "spherical", placed, ball(f"q{k}")) for k in (1, 2, 3)
+    ]
     mechanism = arms.tree("wrist", *bodies, gravity=gravity, values=values)
     assert numeric_ranks(mechanism).ranks == (ec.base_structure(mechanism).rank,) * 4
 
 
 def test_the_states_follow_from_the_seed() -> None:
     mechanism = ec.load(EXAMPLES / "double_pendulum.yaml")
-    assert numeric_ranks(mechanism, 1) == numeric_ranks(mechanism, 1) != numeric_ranks(mechanism, 2)
+    assert (
+        numeric_ranks(mechanism, 1)
+        == numeric_ranks(mechanism, 1)
+        != numeric_ranks(mechanism, 2)
+    )
 
 
 def test_a_symbol_without_a_value_is_refused() -> None:
     with pytest.raises(InputError, match="'d2' has no value"):
         numeric_ranks(ec.load(EXAMPLES / "stanford.yaml"))
-    assert numeric_ranks(ec.load(EXAMPLES / "stanford.yaml"), symbols={"d2": 0.15}).ranks == (33,) * 4
+    assert (
+        numeric_ranks(ec.load(EXAMPLES / "stanford.yaml"), symbols={"d2": 0.15}).ranks
+        == (33,) * 4
+    )
 
 
 def test_planted_singular_values() -> None:
     rng = np.random.default_rng(0)
     left, right = (np.linalg.qr(rng.standard_normal((n, 5)))[0] for n in (40, 5))
-    found = ranks_of_matrix(left @ np.diag([2.0, 1.0, 1e-3, 1e-9, 0.0]) @ right.T, (1e-2, 1e-8, 1e-10), pivoted=True)
+    found = ranks_of_matrix(
+        left @ np.diag([2.0, 1.0, 1e-3, 1e-9, 0.0]) @ right.T,
+        (1e-2, 1e-8, 1e-10),
+        pivoted=True,
+    )
     assert found.ranks == found.ranks_by_qr == (2, 3, 4)
     assert found.gap(3) == pytest.approx(1e6, rel=1e-3)
     assert found.gap(5) == float("inf")
@@ -124,9 +156,16 @@ def test_a_turn_to_six_digits_is_a_whole_one(tmp_path: Path) -> None:
     assert rank_and_doubt(LIFT, tmp_path / "robot.yaml") == (5, "")
 
 
-@pytest.mark.xfail(reason="decimals of lengths that have names are not counted, so 9 are told for 5", strict=True)
+@pytest.mark.xfail(
+    reason="decimals of lengths that have names are not counted, so 9 are told for 5",
+    strict=True,
+)
 def test_parts_of_a_rank_that_rounding_may_make_are_said(tmp_path: Path) -> None:
     """A scissor lift whose first pivot is a millionth beside the line through the other pivots of its bars."""
-    moved = LIFT.replace("[2, 3/2, 0]", "[2, h, 0]", 1).replace("[-2, 3/2, 0]", "[-2, h, 0]", 1)
-    rank, doubt = rank_and_doubt(f"symbols: {{h: 1.500002}}\n{moved}", tmp_path / "robot.yaml")
+    moved = LIFT.replace("[2, 3/2, 0]", "[2, h, 0]", 1).replace(
+        "[-2, 3/2, 0]", "[-2, h, 0]", 1
+    )
+    rank, doubt = rank_and_doubt(
+        f"symbols: {{h: 1.500002}}\n{moved}", tmp_path / "robot.yaml"
+    )
     assert rank == 5 or names(doubt, 5)

@@ -30,7 +30,13 @@ from support.zoo import ZOO
 EXAMPLE = {
     "four_bar": 8, "parallelogram": 3, "three_rps": 25, "sr400": 39, "gough_stewart": 82, "bennett": 9, "delta": 34,
 }  # fmt: skip
-PUBLISHED_SETS = ("cassie_leg", "talos_like", "reachy_mini", "xarm7_gripper", "planar_delta")
+PUBLISHED_SETS = (
+    "cassie_leg",
+    "talos_like",
+    "reachy_mini",
+    "xarm7_gripper",
+    "planar_delta",
+)
 INTENDED = {"planar_delta": 20}
 
 
@@ -44,15 +50,21 @@ def check(mechanism: Mechanism, rank: int) -> None:
     assert base.rank == rank
     assert base.certificate.in_balls
     assert base.certificate.log10_residual is not None
-    assert base.certificate.log10_residual < (-30 if not base.certificate.rounding else -4)
+    assert base.certificate.log10_residual < (
+        -30 if not base.certificate.rounding else -4
+    )
     state = states(base.mechanism, 20)
     full = base.standard_regressor(*state)
     missed = 1e-3 if base.certificate.rounding else 1e-8
-    np.testing.assert_allclose(base.regressor(*state) @ base.B_float(), full, atol=missed * np.abs(full).max())
+    np.testing.assert_allclose(
+        base.regressor(*state) @ base.B_float(), full, atol=missed * np.abs(full).max()
+    )
     assert ec.verify(from_json(to_json(base))).rank == rank
 
 
-@pytest.mark.parametrize("name", slow_unless(("four_bar", "parallelogram", "bennett"), EXAMPLE))
+@pytest.mark.parametrize(
+    "name", slow_unless(("four_bar", "parallelogram", "bennett"), EXAMPLE)
+)
 def test_ranks_of_textbook_loops(name: str) -> None:
     mechanism = ec.load(EXAMPLES / f"loops/{name}.yaml")
     assert ec.base_structure(mechanism).rank == EXAMPLE[name]
@@ -60,11 +72,17 @@ def test_ranks_of_textbook_loops(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", slow_unless(["xarm7_gripper"], [m.name for m in PUBLISHED if not m.floating and m.name in PUBLISHED_SETS])
+    "name",
+    slow_unless(
+        ["xarm7_gripper"],
+        [m.name for m in PUBLISHED if not m.floating and m.name in PUBLISHED_SETS],
+    ),
 )
 def test_ranks_of_published_loops(name: str) -> None:
     model = next(model for model in PUBLISHED if model.name == name)
-    file = model.file if model.file.suffix == ".xml" else model.file.with_suffix(".yaml")
+    file = (
+        model.file if model.file.suffix == ".xml" else model.file.with_suffix(".yaml")
+    )
     check(ec.load(file), INTENDED.get(name, model.rank))
 
 
@@ -76,8 +94,12 @@ def test_representatives_may_be_chosen() -> None:
 
 
 def test_a_wrong_coefficient_is_refused() -> None:
-    text = to_json(ec.base_parameters(ec.load(EXAMPLES / "loops/bennett.yaml"), budget=0))
-    wrong = re.sub(r'("coefficient": "-?\d+/)\d', lambda m: m.group(1) + "7", text, count=1)
+    text = to_json(
+        ec.base_parameters(ec.load(EXAMPLES / "loops/bennett.yaml"), budget=0)
+    )
+    wrong = re.sub(
+        r'("coefficient": "-?\d+/)\d', lambda m: m.group(1) + "7", text, count=1
+    )
     assert wrong != text
     with pytest.raises((ec.CertificateError, ec.InputError)):
         ec.verify(from_json(wrong))
@@ -86,19 +108,31 @@ def test_a_wrong_coefficient_is_refused() -> None:
 def test_too_many_representatives_are_refused() -> None:
     base = ec.base_parameters(four_bar())
     dependent = next(
-        c for c in range(len(base.parameters)) if c not in base.matrix.pivots and any(c in r for r in base.matrix.rows)
+        c
+        for c in range(len(base.parameters))
+        if c not in base.matrix.pivots and any(c in r for r in base.matrix.rows)
     )
     one = next(row[dependent] for row in base.matrix.rows if dependent in row)
     pivots = tuple(sorted((*base.matrix.pivots, dependent)))
-    rows = [{k: v for k, v in row.items() if k != dependent} for row in base.matrix.rows]
-    by_pivot = dict(zip(base.matrix.pivots, rows, strict=True)) | {dependent: {dependent: one / one}}
+    rows = [
+        {k: v for k, v in row.items() if k != dependent} for row in base.matrix.rows
+    ]
+    by_pivot = dict(zip(base.matrix.pivots, rows, strict=True)) | {
+        dependent: {dependent: one / one}
+    }
     order = (*pivots, *(c for c in range(len(base.parameters)) if c not in pivots))
-    more = replace(base.matrix, pivots=pivots, rows=tuple(by_pivot[p] for p in pivots), order=order)
+    more = replace(
+        base.matrix, pivots=pivots, rows=tuple(by_pivot[p] for p in pivots), order=order
+    )
     with pytest.raises(ec.CertificateError, match="too large"):
-        certify(virtual_power_form(four_bar()), more, 1, model_at_stated_values(four_bar()))
+        certify(
+            virtual_power_form(four_bar()), more, 1, model_at_stated_values(four_bar())
+        )
 
 
-@pytest.mark.parametrize("name", ["Peaucellier", "car jack", "screw jack", "welded, with slides"])
+@pytest.mark.parametrize(
+    "name", ["Peaucellier", "car jack", "screw jack", "welded, with slides"]
+)
 def test_what_few_motions_change_smoothly_is_not_doubted(name: str) -> None:
     """Near the pose, some of what they show is a billionth of the rest and less."""
     found = specialised(read(ZOO[name].text), random_generator(1))
@@ -109,14 +143,18 @@ def test_what_few_motions_change_smoothly_is_not_doubted(name: str) -> None:
 @pytest.mark.slow
 def test_rounded_relations_are_left_out() -> None:
     """Digits of doubles break relations, which show next to nothing."""
-    found = specialised(ec.load(LOOPS / "battobot/robot.yaml", snap_tolerance=0), random_generator(1))
+    found = specialised(
+        ec.load(LOOPS / "battobot/robot.yaml", snap_tolerance=0), random_generator(1)
+    )
     assert found.structure.rank == 154
     assert not found.doubt
 
 
 def test_signs_are_those_of_random_states() -> None:
     text = (EXAMPLES / "loops/four_bar.yaml").read_text()
-    mechanism = ec.load(f"{text}\neffects:\n  - {{type: coulomb, at: all, side: joint}}\n")
+    mechanism = ec.load(
+        f"{text}\neffects:\n  - {{type: coulomb, at: all, side: joint}}\n"
+    )
     base = ec.base_parameters(mechanism)
     assert base.rank == 11
     assert "Regions of signs" in base.certificate.assumptions
@@ -141,8 +179,12 @@ def test_rows_may_show_nothing() -> None:
 
 def test_relations_hold_in_other_rows() -> None:
     """As those of a few poses may not hold elsewhere."""
-    table = np.array([[flint.arb(k), flint.arb(2 * k)] for k in range(1, 60)], dtype=object)
-    alike, others = (np.array([[flint.arb(1), flint.arb(x)]], dtype=object) for x in (2, 3))
+    table = np.array(
+        [[flint.arb(k), flint.arb(2 * k)] for k in range(1, 60)], dtype=object
+    )
+    alike, others = (
+        np.array([[flint.arb(1), flint.arb(x)]], dtype=object) for x in (2, 3)
+    )
     with flint.ctx.workprec(64):
         found = eliminated(table, 64)
         assert found is not None

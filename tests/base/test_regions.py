@@ -16,9 +16,13 @@ from echelon.program.text import record_expression
 from support.sign_models import sign_model
 
 
-def base_of(columns: list[str], variables: str, constants: dict[str, object] | None = None) -> LinearBase:
+def base_of(
+    columns: list[str], variables: str, constants: dict[str, object] | None = None
+) -> LinearBase:
     names = [f"p{i}" for i in range(len(columns))]
-    return ec.base_parameters(ec.LinearModel([columns], variables.split(), names, constants))
+    return ec.base_parameters(
+        ec.LinearModel([columns], variables.split(), names, constants)
+    )
 
 
 def box(count: int) -> str:
@@ -76,14 +80,19 @@ def test_stated_constants_decide() -> None:
 
 
 def test_what_was_found_is_said() -> None:
-    assert "sign(cos(x) - 2): negative everywhere" in str(base_of(["1", "sign(cos(x) - 2)"], "x").certificate)
+    assert "sign(cos(x) - 2): negative everywhere" in str(
+        base_of(["1", "sign(cos(x) - 2)"], "x").certificate
+    )
     hidden = base_of(["1", "sign(x**2 + y**2 - 2*x*y + 1/1000)"], "x y").certificate
     assert "only positive values were found" in str(hidden)
     assert "assumed: that no other region adds anything" in str(hidden)
     zero = base_of(["1", "sign(sin(x)**2 + cos(x)**2 - 1)"], "x").certificate
     assert "zero as far as 512 bits tell" in str(zero)
     enough = base_of(["1", "sign(x)", "sign(y)"], "x y").certificate
-    assert "in 3 regions of signs, which is enough for all products of signs that occur" in str(enough)
+    assert (
+        "in 3 regions of signs, which is enough for all products of signs that occur"
+        in str(enough)
+    )
     assert "region" not in str(base_of(["1", "x"], "x").certificate)
 
 
@@ -102,23 +111,41 @@ def test_a_false_relation_in_one_small_region_is_caught() -> None:
     from echelon.base.certificate import certify
 
     base = base_of(["1", box(5)], "x0 x1 x2 x3 x4")
-    wrong = replace(base.matrix, pivots=base.matrix.pivots[:1], rows=base.matrix.rows[:1])
-    with pytest.raises(ec.CertificateError, match="does not reproduce the effect of p1"):
+    wrong = replace(
+        base.matrix, pivots=base.matrix.pivots[:1], rows=base.matrix.rows[:1]
+    )
+    with pytest.raises(
+        ec.CertificateError, match="does not reproduce the effect of p1"
+    ):
         certify(base.model.regressor, wrong, seed=1)
 
 
 def recorded(texts: list[str]) -> tuple[Program, list[int]]:
     program = Program()
-    names = {name: program.input(name) for name in "xyzv"} | {"a": program.input("a", "symbol")}
-    return program, [record_expression(text, names, "test", program).node for text in texts]
+    names = {name: program.input(name) for name in "xyzv"} | {
+        "a": program.input("a", "symbol")
+    }
+    return program, [
+        record_expression(text, names, "test", program).node for text in texts
+    ]
 
 
 def test_products_that_occur() -> None:
-    program, outputs = recorded(["sign(x) + sign(y)", "sign(y)*sign(z)*v", "exp(sign(x)*v)", "x*y*z"])
-    shown = {frozenset(program.inputs[n].name for n in s) for s in find_surfaces(program, outputs).maximal}
+    program, outputs = recorded(
+        ["sign(x) + sign(y)", "sign(y)*sign(z)*v", "exp(sign(x)*v)", "x*y*z"]
+    )
+    shown = {
+        frozenset(program.inputs[n].name for n in s)
+        for s in find_surfaces(program, outputs).maximal
+    }
     assert shown == {frozenset("x"), frozenset("yz")}
-    program, outputs = recorded(["(sign(x) + sign(y))*(1 + sign(z))", "1/(2 + sign(x)*sign(v))"])
-    shown = {frozenset(program.inputs[n].name for n in s) for s in find_surfaces(program, outputs).maximal}
+    program, outputs = recorded(
+        ["(sign(x) + sign(y))*(1 + sign(z))", "1/(2 + sign(x)*sign(v))"]
+    )
+    shown = {
+        frozenset(program.inputs[n].name for n in s)
+        for s in find_surfaces(program, outputs).maximal
+    }
     assert shown == {frozenset("xz"), frozenset("yz"), frozenset("xv")}
 
 
@@ -142,7 +169,9 @@ def test_excluded_combinations(text: str) -> None:
     constants = {program.input("a", "symbol").node: 0.7}
     found = impossible(surfaces, constants)
     shown = {"".join("+" if s > 0 else "-" for _, s in pair) for pair in found}
-    assert {frozenset(pair) for pair in shown} == {frozenset(pair) for pair in EXCLUDED[text]}
+    assert {frozenset(pair) for pair in shown} == {
+        frozenset(pair) for pair in EXCLUDED[text]
+    }
     signs = RealPoints(program, outputs, {"a": "0.7"}).signs(200)
     points = {program.lhs[n]: sides for n, sides in signs.items()}
     for (f, s), (g, t) in found:
@@ -168,16 +197,24 @@ def test_independent_regions() -> None:
 
 
 def test_points_are_in_their_regions_and_differ() -> None:
-    program, outputs = recorded(["sign(v - a)*sign(v + a)*x", "sign(cos(y) - 0.9999)", "log(z - 50)"])
+    program, outputs = recorded(
+        ["sign(v - a)*sign(v + a)*x", "sign(cos(y) - 0.9999)", "log(z - 50)"]
+    )
     points = RealPoints(program, outputs, {"a": "0.001"})
     reals = points.draw(np.random.default_rng(3), 60)
     v, y, z = (reals[program.input(name).node] for name in "vyz")
     for k in range(points.count):
         own = slice(k, None, points.count)
-        assert len(set(np.sign(np.abs(v[own]) - 0.001))) == len(set(np.sign(np.cos(y[own]) - 0.9999))) == 1
+        assert (
+            len(set(np.sign(np.abs(v[own]) - 0.001)))
+            == len(set(np.sign(np.cos(y[own]) - 0.9999)))
+            == 1
+        )
     assert (z > 50).all()
     assert len(set(v.tolist())) == 60
-    again = RealPoints(program, outputs, {"a": "0.001"}).draw(np.random.default_rng(3), 60)
+    again = RealPoints(program, outputs, {"a": "0.001"}).draw(
+        np.random.default_rng(3), 60
+    )
     assert all((again[n] == reals[n]).all() for n in reals)
 
 
@@ -195,7 +232,9 @@ def test_many_random_models(seed: int) -> None:
 def check(seed: int) -> None:
     model = sign_model(seed)
     names = [f"p{i}" for i in range(len(model.columns))]
-    base = ec.base_parameters(ec.LinearModel([list(model.columns)], model.variables, names))
+    base = ec.base_parameters(
+        ec.LinearModel([list(model.columns)], model.variables, names)
+    )
     assert base.rank == model.rank
     assert base.certificate.regions <= model.regions
     assert math.isfinite(base.certificate.log10_error)

@@ -41,7 +41,10 @@ def test_with_loops(name: str) -> None:
 
 def test_base_wrench_and_joint_torques_differ_by_ten() -> None:
     tree = example("floating_tree")
-    wrench, torques = replace(tree, measured=tree.outputs[:6]), replace(tree, measured=tree.outputs[6:])
+    wrench, torques = (
+        replace(tree, measured=tree.outputs[:6]),
+        replace(tree, measured=tree.outputs[6:]),
+    )
     found = ec.same_row_space(wrench, torques)
     assert not found
     assert (found.first, found.second, found.union) == (39, 29, 39)
@@ -65,15 +68,24 @@ def test_each_sees_what_the_other_does_not() -> None:
 def test_another_geometry_is_another_row_space() -> None:
     """A link of twice the length; the same symbol has the same value in both."""
     rows = "R 0 0 0", "R 0 {} 0"
-    short, long = (arms.modified_dh("arm", rows[0], rows[1].format(a), gravity="0 -g 0") for a in ("a", "2*a"))
+    short, long = (
+        arms.modified_dh("arm", rows[0], rows[1].format(a), gravity="0 -g 0")
+        for a in ("a", "2*a")
+    )
     found = ec.same_row_space(short, long)
-    assert (found.first, found.second, found.union) == (6, 6, 7)  # together they see M2 alone
+    assert (found.first, found.second, found.union) == (
+        6,
+        6,
+        7,
+    )  # together they see M2 alone
     assert (found.only_first, found.only_second) == ("ZZ1 + a²·M2", "ZZ1 + 4·a²·M2")
 
 
 def test_representatives_and_the_order_of_parameters_do_not_matter() -> None:
     arm = example("rx90")
-    assert ec.same_row_space(ec.base_parameters(arm), ec.base_parameters(arm, order="tip-to-base"))
+    assert ec.same_row_space(
+        ec.base_parameters(arm), ec.base_parameters(arm, order="tip-to-base")
+    )
     model = ec.LinearModel([["x", "2*x", "y"]], ["x", "y"], ["p", "q", "r"])
     turned = ec.LinearModel([["y", "2*x", "x"]], ["x", "y"], ["r", "q", "p"])
     assert ec.same_row_space(model, turned)
@@ -105,7 +117,9 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="has no parameter"):
         ec.same_row_space(example("rx90"), example("panda"))
     with pytest.raises(InputError, match="20 and 60 columns"):
-        ec.same_row_space(inverse_dynamics_regressor(example("double_pendulum")), example("rx90"))
+        ec.same_row_space(
+            inverse_dynamics_regressor(example("double_pendulum")), example("rx90")
+        )
     with pytest.raises(InputError, match="robot: cannot be read"):
         ec.same_row_space("robot", example("panda"))
     with pytest.raises(InputError, match="argument 'a' of same_row_space"):

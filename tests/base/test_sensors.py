@@ -25,7 +25,10 @@ from echelon.mechanism.joint import Placement, as_matrix
 from echelon.mechanism.mechanism import Cut, plain
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.linear_forms import (
+    inverse_dynamics_regressor,
+    virtual_power_form,
+)
 from support.descriptions import read_description
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import ROOT
@@ -62,7 +65,11 @@ MJCF = """
 
 def set_up(tmp_path: Path, robot: str, **entries: object) -> ec.Mechanism:
     path = tmp_path / "setup.yaml"
-    path.write_text(json.dumps({"echelon": 1, "name": "set-up", "robot": {"file": robot}, **entries}))
+    path.write_text(
+        json.dumps(
+            {"echelon": 1, "name": "set-up", "robot": {"file": robot}, **entries}
+        )
+    )
     return ec.load(path)
 
 
@@ -94,7 +101,9 @@ def _with_cuts(mechanism: ec.Mechanism, model: mujoco.MjModel) -> ec.Mechanism:
     return replace(mechanism, measured=tuple(outputs))
 
 
-def test_force_and_torque_sensors_agree_with_mujoco(mujoco_arm: tuple[mujoco.MjModel, ec.Mechanism]) -> None:
+def test_force_and_torque_sensors_agree_with_mujoco(
+    mujoco_arm: tuple[mujoco.MjModel, ec.Mechanism],
+) -> None:
     model, mechanism = mujoco_arm
     data, rng = mujoco.MjData(model), np.random.default_rng(3)
     forms = inverse_dynamics_regressor(mechanism)
@@ -126,14 +135,23 @@ def test_rows_of_the_regressor_are_those_of_the_virtual_power(
             state[name] = np.array([value])
     values = {node: state[name] for name, node in named.items()}
     got = np.zeros(len(mechanism.parameters))
-    for (_, c), v in zip(power.entries, schedule.run(FloatArithmetic(), values, 1), strict=True):
+    for (_, c), v in zip(
+        power.entries, schedule.run(FloatArithmetic(), values, 1), strict=True
+    ):
         got[c] = v[0]
     q, qd, qdd = (
-        np.array([state[f"{k}[{n}]"][0] if f"{k}[{n}]" in state else 0.0 for n in mechanism.velocities])
+        np.array(
+            [
+                state[f"{k}[{n}]"][0] if f"{k}[{n}]" in state else 0.0
+                for n in mechanism.velocities
+            ]
+        )
         for k in ("q", "qd", "qdd")
     )
     u = np.array([state.get(f"u[{o.name}]", np.zeros(1))[0] for o in mechanism.outputs])
-    np.testing.assert_allclose(got, u @ evaluate_floats(rows, mechanism, q, qd, qdd)[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        got, u @ evaluate_floats(rows, mechanism, q, qd, qdd)[0], rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -153,28 +171,47 @@ def test_xarm7(tmp_path: Path, outputs: list[object], rank: int) -> None:
 
 
 def test_ur5_base_wrench(tmp_path: Path) -> None:
-    assert ec.base_parameters(set_up(tmp_path, str(robot_file("ur5_robot")), outputs=[{"wrench": "base"}])).rank == 41
+    assert (
+        ec.base_parameters(
+            set_up(tmp_path, str(robot_file("ur5_robot")), outputs=[{"wrench": "base"}])
+        ).rank
+        == 41
+    )
 
 
 def test_an_invertible_coupling_leaves_the_inertial_rank_alone(tmp_path: Path) -> None:
-    drives = {"m5": "45*joint5 + 3*joint6", "m6": "-32*joint5 + 32*joint6", "m1": "50*joint1"}
+    drives = {
+        "m5": "45*joint5 + 3*joint6",
+        "m6": "-32*joint5 + 32*joint6",
+        "m1": "50*joint1",
+    }
     robot = set_up(tmp_path, str(robot_file("xarm7")), actuators=drives)
     assert ec.base_parameters(robot).rank == 43
-    alone = set_up(tmp_path, str(robot_file("xarm7")), actuators=drives, outputs=[{"actuator": "m6"}])
+    alone = set_up(
+        tmp_path,
+        str(robot_file("xarm7")),
+        actuators=drives,
+        outputs=[{"actuator": "m6"}],
+    )
     direct = set_up(tmp_path, str(robot_file("xarm7")), outputs=[{"joint": "joint6"}])
     assert ec.base_structure(alone).rank > ec.base_structure(direct).rank
 
 
 def test_torques_follow_the_transmission(tmp_path: Path) -> None:
     drives = {"m5": "45*joint5 + 3*joint6", "m6": "-32*joint5 + 32*joint6"}
-    robot, direct = set_up(tmp_path, str(robot_file("xarm7")), actuators=drives), ec.load(robot_file("xarm7"))
+    robot, direct = (
+        set_up(tmp_path, str(robot_file("xarm7")), actuators=drives),
+        ec.load(robot_file("xarm7")),
+    )
     state = np.random.default_rng(1).normal(size=(3, 7))
     tau = evaluate_floats(inverse_dynamics_regressor(direct), direct, *state)[0]
     motor = evaluate_floats(inverse_dynamics_regressor(robot), robot, *state)[0]
     names = [o.name for o in robot.outputs]
     transmission = np.array([[45, 3], [-32, 32]])
     assert names[:2] == ["m5", "m6"]
-    np.testing.assert_allclose(transmission.T @ motor[:2], tau[4:6], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        transmission.T @ motor[:2], tau[4:6], rtol=1e-9, atol=1e-12
+    )
 
 
 def test_sensor_report_of_xarm7() -> None:
@@ -189,7 +226,9 @@ def test_sensor_report_of_xarm7() -> None:
 def test_sensors_command() -> None:
     command = ["sensors", str(ROOT / "examples" / "panda.yaml")]
     assert "smallest sufficient set: base" in CliRunner().invoke(app, command).output
-    assert json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)["rank"] == 48
+    assert (
+        json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)["rank"] == 48
+    )
 
 
 SERIAL = """<robot name="r">
@@ -207,7 +246,9 @@ SERIAL = """<robot name="r">
 def test_sensors_may_carry_fixed_links(tmp_path: Path) -> None:
     """A sensor cuts between a fixed link and its parent: what it carries counts apart, as with a moving joint there."""
     (tmp_path / "r.urdf").write_text(SERIAL)
-    (tmp_path / "setup.yaml").write_text("echelon: 1\nrobot: {file: r.urdf}\noutputs: [{wrench: ft}, {joint: j1}]\n")
+    (tmp_path / "setup.yaml").write_text(
+        "echelon: 1\nrobot: {file: r.urdf}\noutputs: [{wrench: ft}, {joint: j1}]\n"
+    )
     robot = ec.load(tmp_path / "setup.yaml")
     assert [body.name for body in robot.bodies] == ["arm", "ft"]
     moving = SERIAL.replace('name="f1" type="fixed"', 'name="f1" type="continuous"')
@@ -215,20 +256,32 @@ def test_sensors_may_carry_fixed_links(tmp_path: Path) -> None:
     free = ec.load(tmp_path / "setup.yaml")
     q, qd, qdd = random_states(robot, 4)
     still = np.zeros((4, 1))
-    expected = float_regressor(free, np.hstack([q, still]), np.hstack([qd, still]), np.hstack([qdd, still]))
+    expected = float_regressor(
+        free, np.hstack([q, still]), np.hstack([qd, still]), np.hstack([qdd, still])
+    )
     zeta = standard_vector(free)
     assert np.abs(expected @ zeta).max() > 1
-    np.testing.assert_allclose(float_regressor(robot, q, qd, qdd) @ standard_vector(robot), expected @ zeta, atol=1e-12)
+    np.testing.assert_allclose(
+        float_regressor(robot, q, qd, qdd) @ standard_vector(robot),
+        expected @ zeta,
+        atol=1e-12,
+    )
 
 
 def test_rotors_may_sit_on_fixed_links(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(SERIAL)
     text = "echelon: 1\nrobot: {file: r.urdf}\nrotors: [{name: m, on: PLACE, drives: 50*j1, axis: z}]\n"
     (tmp_path / "a.yaml").write_text(text.replace("PLACE", "ft"))
-    (tmp_path / "b.yaml").write_text(text.replace("PLACE", "arm, frame: {xyz: [0.2, 0, 0.1], rpy: [0, 0.4, 0]}"))
+    (tmp_path / "b.yaml").write_text(
+        text.replace("PLACE", "arm, frame: {xyz: [0.2, 0, 0.1], rpy: [0, 0.4, 0]}")
+    )
     first, second = (ec.load(tmp_path / name) for name in ("a.yaml", "b.yaml"))
     q, qd, qdd = random_states(first, 3)
-    np.testing.assert_allclose(float_regressor(first, q, qd, qdd), float_regressor(second, q, qd, qdd), atol=1e-12)
+    np.testing.assert_allclose(
+        float_regressor(first, q, qd, qdd),
+        float_regressor(second, q, qd, qdd),
+        atol=1e-12,
+    )
 
 
 @pytest.mark.parametrize(
@@ -237,15 +290,30 @@ def test_rotors_may_sit_on_fixed_links(tmp_path: Path) -> None:
         ({"outputs": [{"joint": "ghost"}]}, "no joint coordinate 'ghost'"),
         ({"outputs": [{"wrench": "ghost"}]}, "there is no body or frame 'ghost'"),
         ({"outputs": [{"torque": "joint1"}]}, "outputs"),
-        ({"actuators": {"a": "joint1 + joint2", "b": "2*joint1 + 2*joint2"}}, "singular"),
+        (
+            {"actuators": {"a": "joint1 + joint2", "b": "2*joint1 + 2*joint2"}},
+            "singular",
+        ),
         ({"actuators": {"a": "joint1 + joint2"}}, "1 actuators drive 2"),
         ({"effects": [{"type": "viscous", "at": "ghost"}]}, "no coordinate 'ghost'"),
-        ({"effects": [{"type": "viscous", "at": "joint1", "velocity": "1"}]}, "a viscous effect has no 'velocity'"),
-        ({"effects": [{"parameter": "M1", "acts": [{"at": "joint1", "term": "qd"}]}]}, "another parameter"),
+        (
+            {"effects": [{"type": "viscous", "at": "joint1", "velocity": "1"}]},
+            "a viscous effect has no 'velocity'",
+        ),
+        (
+            {
+                "effects": [
+                    {"parameter": "M1", "acts": [{"at": "joint1", "term": "qd"}]}
+                ]
+            },
+            "another parameter",
+        ),
         ({"outputs": [{"joint": "joint1"}, {"joint": "joint1"}]}, "two outputs"),
     ],
 )
-def test_bad_set_ups_are_named(tmp_path: Path, entries: dict[str, object], message: str) -> None:
+def test_bad_set_ups_are_named(
+    tmp_path: Path, entries: dict[str, object], message: str
+) -> None:
     with pytest.raises(ec.InputError, match=message):
         set_up(tmp_path, str(robot_file("xarm7")), **entries)
 
@@ -260,7 +328,9 @@ def test_a_set_up_survives_saving(tmp_path: Path) -> None:
         outputs=[{"actuator": "m5"}, {"joint": "joint1"}, {"wrench": "link4", "components": ["fx", "tz"]},
                  {"name": "sum", "sum": [{"joint": "joint2"}, {"actuator": "m6", "weight": "1/2"}]}],
     )  # fmt: skip
-    again = read_description(json.dumps(write_description(robot)), "again", ReadingOptions())
+    again = read_description(
+        json.dumps(write_description(robot)), "again", ReadingOptions()
+    )
     for field in ("bodies", "couplings", "actuators", "effects", "measured"):
         assert getattr(again, field) == getattr(robot, field)
     base = ec.base_parameters(robot)
@@ -281,12 +351,22 @@ def test_positions_measured_at_motors_are_those_of_joints() -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(mechanisms(), st.integers(0, 1000))
-def test_wrenches_of_random_mechanisms_are_pinocchios(mechanism: ec.Mechanism, seed: int) -> None:
+def test_wrenches_of_random_mechanisms_are_pinocchios(
+    mechanism: ec.Mechanism, seed: int
+) -> None:
     """Six-axis sensors, anywhere on any body, against the wrench that the joint above transmits."""
     rng = np.random.default_rng(seed)
-    frame = Placement(translation=tuple(as_polynomial(Fraction(int(n), 10)) for n in rng.integers(-5, 6, 3)))
+    frame = Placement(
+        translation=tuple(
+            as_polynomial(Fraction(int(n), 10)) for n in rng.integers(-5, 6, 3)
+        )
+    )
     cuts = [
-        plain(f"{body}.{'t' if angular else 'f'}{axis}", "", Cut(body, frame, False, axis, angular))
+        plain(
+            f"{body}.{'t' if angular else 'f'}{axis}",
+            "",
+            Cut(body, frame, False, axis, angular),
+        )
         for body in range(len(mechanism.bodies))
         for angular in (False, True)
         for axis in range(3)
@@ -296,13 +376,24 @@ def test_wrenches_of_random_mechanisms_are_pinocchios(mechanism: ec.Mechanism, s
     carried = [index for index, body in enumerate(mechanism.bodies) if body.carried]
     standard[carried] = rng.uniform(-1, 1, (len(carried), 10)) + np.eye(10)[9] * 2
     q, qd, qdd = random_states(mechanism, 1, seed)
-    y = evaluate_floats(inverse_dynamics_regressor(measured), measured, q, qd, qdd)[0] @ standard[carried].ravel()
+    y = (
+        evaluate_floats(inverse_dynamics_regressor(measured), measured, q, qd, qdd)[0]
+        @ standard[carried].ravel()
+    )
     standard[:, 9] += 1e-30  # Pinocchio divides by masses
     truth = Constrained(mechanism, standard.ravel())
     rates = truth.couplings
-    pin.rnea(truth.model, truth.data, truth.joint_positions(q[0]), rates @ qd[0], rates @ qdd[0])
+    pin.rnea(
+        truth.model,
+        truth.data,
+        truth.joint_positions(q[0]),
+        rates @ qd[0],
+        rates @ qdd[0],
+    )
     shift = pin.SE3(np.eye(3), np.array([float(e.number) for e in frame.translation]))
     for index, output in enumerate(y.reshape(-1, 6)):
         joint, place = truth.places[index]
         wrench = (place * shift).actInv(truth.data.f[joint])
-        np.testing.assert_allclose(output, [*wrench.linear, *wrench.angular], rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(
+            output, [*wrench.linear, *wrench.angular], rtol=1e-8, atol=1e-8
+        )

@@ -25,8 +25,12 @@ def check(tmp_path: Path, family: str, seed: int, reading: str) -> None:
     planted = robot(family, seed)
     file = tmp_path / f"robot{planted.suffix}"
     file.write_text(planted.text)
-    mechanism = ec.load(file, snap_tolerance=0) if reading == "literal" else ec.load(file)
-    assert ec.base_structure(mechanism).rank == planted.rank(reading == "intended"), planted.text
+    mechanism = (
+        ec.load(file, snap_tolerance=0) if reading == "literal" else ec.load(file)
+    )
+    assert ec.base_structure(mechanism).rank == planted.rank(reading == "intended"), (
+        planted.text
+    )
 
 
 def cases(first: int, last: int) -> list[tuple[str, int, str]]:
@@ -39,25 +43,33 @@ def cases(first: int, last: int) -> list[tuple[str, int, str]]:
 
 
 @pytest.mark.parametrize(("family", "seed", "reading"), cases(0, FEW))
-def test_the_rank_is_the_true_one(tmp_path: Path, family: str, seed: int, reading: str) -> None:
+def test_the_rank_is_the_true_one(
+    tmp_path: Path, family: str, seed: int, reading: str
+) -> None:
     check(tmp_path, family, seed, reading)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("family", "seed", "reading"), cases(FEW, MANY))
-def test_the_rank_of_many_is_the_true_one(tmp_path: Path, family: str, seed: int, reading: str) -> None:
+def test_the_rank_of_many_is_the_true_one(
+    tmp_path: Path, family: str, seed: int, reading: str
+) -> None:
     check(tmp_path, family, seed, reading)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("seed", range(3))
-def test_both_ranks_are_reported_and_certified(tmp_path: Path, family: str, seed: int) -> None:
+def test_both_ranks_are_reported_and_certified(
+    tmp_path: Path, family: str, seed: int
+) -> None:
     planted = robot(family, seed)
     file = tmp_path / f"robot{planted.suffix}"
     file.write_text(planted.text)
     base = ec.base_parameters(ec.load(file))
-    literal = base.rank if base.reading.literal_rank is None else base.reading.literal_rank
+    literal = (
+        base.rank if base.reading.literal_rank is None else base.reading.literal_rank
+    )
     assert (base.rank, literal) == (planted.rank(True), planted.rank(False))
 
 
@@ -82,7 +94,13 @@ def arm(*rows: tuple[str, int, str, str]) -> list[Body]:
 
 R, P = "revolute", "prismatic"
 WRIST = (R, 1, "0", "0"), (R, -1, "0", "0")
-PUMA = (R, 0, "0", "0"), (R, -1, "0", "0"), (R, 0, "0.4318", "0.15"), (R, -1, "0.0203", "0.4318"), *WRIST
+PUMA = (
+    (R, 0, "0", "0"),
+    (R, -1, "0", "0"),
+    (R, 0, "0.4318", "0.15"),
+    (R, -1, "0.0203", "0.4318"),
+    *WRIST,
+)
 STANFORD = (
     (R, 0, "0", "0"),
     (R, -1, "0", "0.2"),
@@ -107,11 +125,17 @@ PENDULUM = (R, 1, "0", "0"), (R, 0, "0.5", "0")
         (((R, 0, "0", "0"), (P, 0, "0", "0"), (P, 1, "0", "0")), "0 0 -9.81", 5),
         ((("spherical", 0, "0", "0"),), "0 0 -9.81", 9),
         ((("spherical", 0, "0", "0"),), "0 0 0", 6),
-        ((("floating", 0, "0", "0"), (R, 1, "0.3", "0.2"), (P, 1, "0.1", "0")), "0 0 -9.81", 21),
+        (
+            (("floating", 0, "0", "0"), (R, 1, "0.3", "0.2"), (P, 1, "0.1", "0")),
+            "0 0 -9.81",
+            21,
+        ),
         ((("planar", 0, "0", "0"),), "0 0 0", 4),
     ],
 )
-def test_ranks_of_the_literature(rows: tuple[tuple[str, int, str, str], ...], gravity: str, expected: int) -> None:
+def test_ranks_of_the_literature(
+    rows: tuple[tuple[str, int, str, str], ...], gravity: str, expected: int
+) -> None:
     assert truth.rank(arm(*rows), vector(*map(number, gravity.split()))) == expected
 
 
@@ -120,6 +144,8 @@ def test_a_difference_in_the_ninth_digit_counts() -> None:
     with flint.ctx.workprec(BITS):
         down = vector(0, 0, number("-9.81"))
         for aside, expected in (("0", 2), ("0.000000001", 4)):
-            assert truth.rank(arm((R, 0, "0", "0"), (R, 0, aside, "0")), down) == expected
+            assert (
+                truth.rank(arm((R, 0, "0", "0"), (R, 0, aside, "0")), down) == expected
+            )
         direction = unit(vector(1, 2, 3))
         assert (direction @ direction - 1).contains(arb(0))

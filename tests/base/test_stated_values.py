@@ -28,7 +28,9 @@ from support.paths import ROOT
 
 
 def read(text: str, **options: object) -> Mechanism:
-    return read_description(f"echelon: 1\n{text}".encode(), "robot.yaml", ReadingOptions(**options))  # type: ignore[arg-type]
+    return read_description(
+        f"echelon: 1\n{text}".encode(), "robot.yaml", ReadingOptions(**options)
+    )  # type: ignore[arg-type]
 
 
 def offset_arm(a2: str = "0", d2: str = "0") -> Mechanism:
@@ -104,14 +106,23 @@ def test_a_parallelogram_by_equal_values() -> None:
     assert base.special is not None
     assert base.special.relations == ("l2 = l0", "l3 = l1")
     # the classical result: crank and rocker turn alike, the coupler only moves along
-    assert [str(e) for e in base.expressions] == ["ZZ1 + l1²·M2 + ZZ3", "MX1 + l1·M2 + MX3", "MY1 + MY3"]
+    assert [str(e) for e in base.expressions] == [
+        "ZZ1 + l1²·M2 + ZZ3",
+        "MX1 + l1·M2 + MX3",
+        "MY1 + MY3",
+    ]
 
 
-@pytest.mark.parametrize(("gamma", "rank", "relation"), [("-0.7", 6, "gamma = −alpha − beta"), ("-0.71", 10, None)])
+@pytest.mark.parametrize(
+    ("gamma", "rank", "relation"),
+    [("-0.7", 6, "gamma = −alpha − beta"), ("-0.71", 10, None)],
+)
 def test_angles_that_cancel(gamma: str, rank: int, relation: str | None) -> None:
     base = ec.base_parameters(read(PARALLEL_BY_SUM.replace("GAMMA", gamma)))
     assert base.rank == rank
-    assert (base.special and base.special.relations) == (None if relation is None else (relation,))
+    assert (base.special and base.special.relations) == (
+        None if relation is None else (relation,)
+    )
 
 
 @pytest.mark.parametrize(("ratio", "rank"), [("-1", 3), ("-2", 5), ("1", 5)])
@@ -153,7 +164,9 @@ modified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha, a: a2}, {joint:
     file.write_text(text)
     base = ec.base_parameters(ec.load(file, symbolic=False))
     assert base.matrix.symbols == ()
-    np.testing.assert_allclose(base.B_float(), ec.base_parameters(ec.load(file)).B_float(), rtol=1e-15)
+    np.testing.assert_allclose(
+        base.B_float(), ec.base_parameters(ec.load(file)).B_float(), rtol=1e-15
+    )
 
 
 def test_symbols_of_one_magnitude_may_be_kept_apart(tmp_path: Path) -> None:
@@ -225,11 +238,15 @@ def test_all_decimals_are_multiples_of_one_unit(values: list[Fraction]) -> None:
 
 
 @given(decimals, decimals, st.integers(-3, 3))
-def test_points_of_angles_add_up_as_the_decimals_do(a: Fraction, b: Fraction, k: int) -> None:
+def test_points_of_angles_add_up_as_the_decimals_do(
+    a: Fraction, b: Fraction, k: int
+) -> None:
     """The point of a + k·b is the product of the points of a and k·b, modulo any prime."""
     names = ("a", "b", "c")
     total = a + k * b
-    values = StatedValues({}, {n: Angle(radians=v) for n, v in zip(names, (a, b, total), strict=True)}, {})
+    values = StatedValues(
+        {}, {n: Angle(radians=v) for n, v in zip(names, (a, b, total), strict=True)}, {}
+    )
     rng = np.random.default_rng(3)
     field = PrimeField.random(rng)
     points = {n: field.circle(t) for n, t in values.draw(names, field, rng).items()}
@@ -249,7 +266,9 @@ def test_multiples_of_any_size(count: int) -> None:
     angle = Angle(parts=(("x", count),))
     value = 0.7
     expected = cos(count * value)
-    found = angle.cos().evaluate(float_generators(angle.cos().generators(), {"x": value}), float)
+    found = angle.cos().evaluate(
+        float_generators(angle.cos().generators(), {"x": value}), float
+    )
     assert found == pytest.approx(expected, abs=1e-9)
     rng = np.random.default_rng(1)
     field = PrimeField.random(rng)
@@ -272,11 +291,16 @@ modified_dh: [{joint: revolute}, {joint: fixed, alpha: 40*alpha, a: 0.2}, {joint
 
 
 def test_a_declared_decimal_near_a_right_angle_is_one_and_said_so() -> None:
-    robot = read("symbols: {alpha: 1.5708}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha}]")
+    robot = read(
+        "symbols: {alpha: 1.5708}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha}]"
+    )
     assert robot.reading is not None
-    assert [str(s) for s in robot.reading.snaps] == ["symbols.alpha: 1.5708 read as 90°"]
+    assert [str(s) for s in robot.reading.snaps] == [
+        "symbols.alpha: 1.5708 read as 90°"
+    ]
     literal = read(
-        "symbols: {alpha: 1.5708}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha}]", snap_tolerance=0
+        "symbols: {alpha: 1.5708}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha}]",
+        snap_tolerance=0,
     )
     assert literal.symbols["alpha"].exact == "1.5708"
 
@@ -288,16 +312,27 @@ def test_a_declared_decimal_near_a_right_angle_is_one_and_said_so() -> None:
 def test_float_ranks_doubt_a_wrong_count_and_no_right_one(error: int) -> None:
     robot = ec.load(PANDA)
     assert report_reading(robot, 43, np.random.default_rng(1)).doubt == ""
-    assert f"do not confirm {43 + error}: rank 43" in report_reading(robot, 43 + error, np.random.default_rng(1)).doubt
+    assert (
+        f"do not confirm {43 + error}: rank 43"
+        in report_reading(robot, 43 + error, np.random.default_rng(1)).doubt
+    )
 
 
-def test_float_ranks_of_neighbours_stand_for_those_of_a_large_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_float_ranks_of_neighbours_stand_for_those_of_a_large_robot(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     robot = ec.load(PANDA)
     base = ec.base_parameters(robot)
     monkeypatch.setattr("echelon.base.reading_report._MOST_COLUMNS", 40)
-    assert report_reading(robot, 43, np.random.default_rng(1), matrix=base.matrix).doubt == ""
+    assert (
+        report_reading(robot, 43, np.random.default_rng(1), matrix=base.matrix).doubt
+        == ""
+    )
     wrong = replace(base.matrix, rows=base.matrix.rows[:20])
-    assert "for the parameters" in report_reading(robot, 43, np.random.default_rng(1), matrix=wrong).doubt
+    assert (
+        "for the parameters"
+        in report_reading(robot, 43, np.random.default_rng(1), matrix=wrong).doubt
+    )
 
 
 def test_half_turns_have_residues(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,10 +341,18 @@ def test_half_turns_have_residues(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "alpha" in base.matrix.symbols
     field, rng = PrimeField.of(2**31 - 105), np.random.default_rng(1)
     drawn = stated_values(read(text)).draw(["alpha"], field, rng)
-    assert residues_at(["cos(alpha)", "sin(alpha)"], drawn, field) == {"cos(alpha)": field.p - 1, "sin(alpha)": 0}
+    assert residues_at(["cos(alpha)", "sin(alpha)"], drawn, field) == {
+        "cos(alpha)": field.p - 1,
+        "sin(alpha)": 0,
+    }
     monkeypatch.setattr("echelon.base.reading_report._MOST_COLUMNS", 12)
     stated = ec.base_parameters(read(text))
-    assert report_reading(read(text), stated.rank, np.random.default_rng(1), matrix=stated.matrix).doubt == ""
+    assert (
+        report_reading(
+            read(text), stated.rank, np.random.default_rng(1), matrix=stated.matrix
+        ).doubt
+        == ""
+    )
 
 
 def test_a_count_that_is_not_compared_is_said() -> None:
@@ -339,7 +382,11 @@ bodies:
     ],
 )
 def test_lengths_with_pi_have_their_relations(one: str, two: str, rank: int) -> None:
-    base = ec.base_parameters(read_description(SCREWS.format(one=one, two=two).encode(), "s.yaml", ReadingOptions()))
+    base = ec.base_parameters(
+        read_description(
+            SCREWS.format(one=one, two=two).encode(), "s.yaml", ReadingOptions()
+        )
+    )
     assert base.rank == rank
     pitch = eval(one, {"pi": math.pi})
     masses = base.parameters.index("M1")
@@ -350,7 +397,9 @@ def test_lengths_with_pi_have_their_relations(one: str, two: str, rank: int) -> 
 
 def test_a_length_with_pi_is_written_as_a_symbol() -> None:
     text = SCREWS.format(one="1", two="1").replace("pitch: p}", "pitch: 0.01/(2*pi)}")
-    with pytest.raises(ec.InputError, match=r"write a symbol here, and its value in 'symbols'"):
+    with pytest.raises(
+        ec.InputError, match=r"write a symbol here, and its value in 'symbols'"
+    ):
         read_description(text.encode(), "s.yaml", ReadingOptions())
 
 
@@ -358,14 +407,19 @@ PENDULUM = "bodies: [{name: arm, joint: {type: revolute, axis: y, name: j}}]\n"
 
 
 def with_effects(symbols: str, *terms: str) -> Mechanism:
-    effects = [f"{{parameter: P{k}, unit: N·m, acts: [{{at: j, term: '{t}'}}]}}" for k, t in enumerate(terms)]
+    effects = [
+        f"{{parameter: P{k}, unit: N·m, acts: [{{at: j, term: '{t}'}}]}}"
+        for k, t in enumerate(terms)
+    ]
     return read(f"symbols: {{{symbols}}}\n{PENDULUM}effects: [{', '.join(effects)}]")
 
 
 @pytest.mark.parametrize(("alpha", "sign"), [("0", "+"), ("pi", "−")])
 def test_angles_in_effects_have_their_stated_values(alpha: str, sign: str) -> None:
     """sin(alpha) is zero, and cos(q - alpha) is cos(q) or its opposite."""
-    robot = with_effects(f"alpha: {alpha}", "sin(alpha)*qd", "qd*cos(q - alpha)", "qd*cos(q)")
+    robot = with_effects(
+        f"alpha: {alpha}", "sin(alpha)*qd", "qd*cos(q - alpha)", "qd*cos(q)"
+    )
     base = ec.base_parameters(robot)
     assert [str(e) for e in base.expressions][-1] == f"P1 {sign} P2"
     assert base.rank == 4
@@ -374,8 +428,12 @@ def test_angles_in_effects_have_their_stated_values(alpha: str, sign: str) -> No
 
 def test_functions_of_constants_are_numbers_where_these_have_values() -> None:
     """A saved set has no names for them; it is read back and verified."""
-    base = ec.base_parameters(with_effects("k: 2, alpha: 0.3", "exp(k)*qd", "qd", "sin(alpha)*q", "q"))
-    np.testing.assert_allclose(base.B_float()[-2:, -4:], [[1, exp(-2), 0, 0], [0, 0, 1, 1 / sin(0.3)]])
+    base = ec.base_parameters(
+        with_effects("k: 2, alpha: 0.3", "exp(k)*qd", "qd", "sin(alpha)*q", "q")
+    )
+    np.testing.assert_allclose(
+        base.B_float()[-2:, -4:], [[1, exp(-2), 0, 0], [0, 0, 1, 1 / sin(0.3)]]
+    )
     assert ec.verify(from_json(to_json(base))).numbers == 1
 
 
@@ -383,8 +441,18 @@ def test_sums_of_fractions_of_pi_are_not_passed_over() -> None:
     """Axes 1 and 3 are antiparallel, which no random residue for pi/7 shows: refused with what to write."""
     arm = "modified_dh: [{joint: revolute}, {joint: prismatic, alpha: a, a: l}, {joint: revolute, alpha: %s, a: l}]"
     with pytest.raises(ec.CertificateError, match="pi - beta"):
-        ec.base_parameters(read("symbols: {a: 3*pi/7, b: 4*pi/7, l: 0.3}\n" + arm % "b"))
+        ec.base_parameters(
+            read("symbols: {a: 3*pi/7, b: 4*pi/7, l: 0.3}\n" + arm % "b")
+        )
     with pytest.warns(ec.DoubtWarning, match="pi - beta"):
         ec.base_structure(read("symbols: {a: 3*pi/7, b: 4*pi/7, l: 0.3}\n" + arm % "b"))
-    assert ec.base_parameters(read("symbols: {a: 3*pi/7, l: 0.3}\n" + arm % "pi - a")).rank == 7
-    assert ec.base_parameters(read("symbols: {a: pi/7, b: 2*pi/7, l: 0.3}\n" + arm % "b")).rank == 11
+    assert (
+        ec.base_parameters(read("symbols: {a: 3*pi/7, l: 0.3}\n" + arm % "pi - a")).rank
+        == 7
+    )
+    assert (
+        ec.base_parameters(
+            read("symbols: {a: pi/7, b: 2*pi/7, l: 0.3}\n" + arm % "b")
+        ).rank
+        == 11
+    )

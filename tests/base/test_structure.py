@@ -46,8 +46,22 @@ def serial(alphas: list[str], gravity: str | None = arms.DOWN) -> Mechanism:
     return arms.modified_dh("serial", *rows, gravity=gravity)
 
 
-PUMA = ("R 0 0 0", "R -pi/2 0 0", "R 0 a2 d3", "R -pi/2 a3 d4", "R pi/2 0 0", "R -pi/2 0 0")
-STANFORD = ("R 0 0 0", "R -pi/2 0 d2", "P pi/2 0 0", "R 0 0 0", "R -pi/2 0 0", "R pi/2 0 0")
+PUMA = (
+    "R 0 0 0",
+    "R -pi/2 0 0",
+    "R 0 a2 d3",
+    "R -pi/2 a3 d4",
+    "R pi/2 0 0",
+    "R -pi/2 0 0",
+)
+STANFORD = (
+    "R 0 0 0",
+    "R -pi/2 0 d2",
+    "P pi/2 0 0",
+    "R 0 0 0",
+    "R -pi/2 0 0",
+    "R pi/2 0 0",
+)
 PENDULUM = ("R 0 0 0", "R 0 l1 0")
 UNIVERSAL_ROBOTS = {
     "generic": ("d1", "a2", "a3", "d4", "d5", "d6"),
@@ -74,7 +88,9 @@ UNIVERSAL_ROBOTS = {
         (("R 0 0 0",), "0 -g 0", 3),
     ],
 )
-def test_published_rank(rows: tuple[str, ...], gravity: str | None, expected: int) -> None:
+def test_published_rank(
+    rows: tuple[str, ...], gravity: str | None, expected: int
+) -> None:
     assert rank(arms.modified_dh("arm", *rows, gravity=gravity)) == expected
 
 
@@ -86,9 +102,20 @@ def test_rank_of_known_robot(robot: Callable[[], Mechanism], expected: int) -> N
     assert rank(robot()) == expected
 
 
-@pytest.mark.parametrize(("d1", "a2", "a3", "d4", "d5", "d6"), UNIVERSAL_ROBOTS.values(), ids=UNIVERSAL_ROBOTS)
+@pytest.mark.parametrize(
+    ("d1", "a2", "a3", "d4", "d5", "d6"),
+    UNIVERSAL_ROBOTS.values(),
+    ids=UNIVERSAL_ROBOTS,
+)
 def test_universal_robots(d1: str, a2: str, a3: str, d4: str, d5: str, d6: str) -> None:
-    rows = (f"R 0 0 {d1}", "R pi/2 0 0", f"R 0 -{a2} 0", f"R 0 -{a3} {d4}", f"R pi/2 0 {d5}", f"R -pi/2 0 {d6}")
+    rows = (
+        f"R 0 0 {d1}",
+        "R pi/2 0 0",
+        f"R 0 -{a2} 0",
+        f"R 0 -{a3} {d4}",
+        f"R pi/2 0 {d5}",
+        f"R -pi/2 0 {d6}",
+    )
     assert rank(arms.modified_dh("ur", *rows)) == 36
 
 
@@ -107,7 +134,9 @@ def test_serial_revolute_generic(n: int) -> None:
 
 @pytest.mark.parametrize(("n", "parallel"), [(3, 2), (5, 2), (6, 3), (7, 4)])
 def test_first_axes_parallel(n: int, parallel: int) -> None:
-    alphas = ["0"] * parallel + ["pi/2" if i % 2 else "-pi/2" for i in range(n - parallel)]
+    alphas = ["0"] * parallel + [
+        "pi/2" if i % 2 else "-pi/2" for i in range(n - parallel)
+    ]
     assert rank(serial(alphas)) == 7 * n - 4 * parallel - 2
     assert rank(serial(alphas, arms.GENERIC)) == 7 * n - 4 * parallel
 
@@ -125,16 +154,31 @@ def test_spherical_joint_on_the_ground() -> None:
 
 
 @settings(max_examples=25)
-@given(st.lists(st.tuples(st.sampled_from("RPS"), st.integers(0, 9), st.integers(0, 2)), max_size=6), st.booleans())
+@given(
+    st.lists(
+        st.tuples(st.sampled_from("RPS"), st.integers(0, 9), st.integers(0, 2)),
+        max_size=6,
+    ),
+    st.booleans(),
+)
 def test_floating_tree(joints: list[tuple[str, int, int]], weightless: bool) -> None:
     """Every joint of a floating tree adds a number of its own: 10 + 7 R + 4 P + 9 S."""
     bodies = [arms.body(1, 0, "floating", *floating_motions("base"))]
     for k, (kind, host, axis) in enumerate(joints, start=2):
-        make = {"R": lambda n, a: rotation(n, a), "P": lambda n, a: translation(n, a), "S": lambda n, _: ball(n)}[kind]
+        make = {
+            "R": lambda n, a: rotation(n, a),
+            "P": lambda n, a: translation(n, a),
+            "S": lambda n, _: ball(n),
+        }[kind]
         placed = arms.place(f"x{k} y{k} z{k}", "pi/4 0 pi/3")
-        bodies.append(arms.body(k, 1 + host % (k - 1), kind, placed, make(f"q{k}", axis)))
+        bodies.append(
+            arms.body(k, 1 + host % (k - 1), kind, placed, make(f"q{k}", axis))
+        )
     expected = 10 + sum({"R": 7, "P": 4, "S": 9}[kind] for kind, _, _ in joints)
-    assert rank(arms.tree("tree", *bodies, gravity=None if weightless else arms.DOWN)) == expected
+    assert (
+        rank(arms.tree("tree", *bodies, gravity=None if weightless else arms.DOWN))
+        == expected
+    )
 
 
 # -- what the rank must not depend on -------------------------------------------------------------------------------
@@ -143,7 +187,10 @@ def test_floating_tree(joints: list[tuple[str, int, int]], weightless: bool) -> 
 @pytest.mark.parametrize("seed", range(5))
 def test_seed_does_not_matter(seed: int) -> None:
     arm = arms.modified_dh("puma", *PUMA)
-    assert ec.base_structure(arm, seed=seed).pivots == ec.base_structure(arm, seed=99).pivots
+    assert (
+        ec.base_structure(arm, seed=seed).pivots
+        == ec.base_structure(arm, seed=99).pivots
+    )
 
 
 def test_bad_luck_is_outvoted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,22 +217,37 @@ def test_names_do_not_matter() -> None:
 
 def rename(body: Body) -> Body:
     """Other names for the body, its parameters, its joint and its coordinate, in another alphabetical order."""
-    steps = tuple(replace(s, name=f"{9 - int(body.label)}") if isinstance(s, Motion) else s for s in body.joint.steps)
+    steps = tuple(
+        replace(s, name=f"{9 - int(body.label)}") if isinstance(s, Motion) else s
+        for s in body.joint.steps
+    )
     return replace(body, name="", label=f"{body.label}_", joint=Joint("", "", steps))
 
 
 @pytest.mark.parametrize("parents", [(0, 1, 1, 2, 3), (0, 1, 2, 1, 4)])
 def test_order_of_branches_does_not_matter(parents: tuple[int, ...]) -> None:
     """A waist that carries two different arms of two joints, listed side by side, or one after the other."""
-    numbers = {(0, 1, 1, 2, 3): (1, 2, 3, 4, 5), (0, 1, 2, 1, 4): (1, 3, 5, 2, 4)}[parents]
-    assert rank(two_arms(numbers, parents)) == rank(two_arms((1, 2, 4, 3, 5), (0, 1, 2, 1, 4))) == 1 + 4 * 7
+    numbers = {(0, 1, 1, 2, 3): (1, 2, 3, 4, 5), (0, 1, 2, 1, 4): (1, 3, 5, 2, 4)}[
+        parents
+    ]
+    assert (
+        rank(two_arms(numbers, parents))
+        == rank(two_arms((1, 2, 4, 3, 5), (0, 1, 2, 1, 4)))
+        == 1 + 4 * 7
+    )
 
 
 def two_arms(numbers: tuple[int, ...], parents: tuple[int, ...]) -> Mechanism:
     """Bodies with even numbers are one arm, 3 and 5 the other; each keeps its own joint wherever it is listed."""
     poses = {1: "0 0 0", 2: "pi/2 0 0", 3: "pi/6 0 pi/4", 4: "0 pi/2 0", 5: "pi/3 0 0"}
     bodies = [
-        arms.body(at, parent, "revolute", arms.place(f"x{k} y{k} z{k}", poses[k]), rotation(f"q{k}"))
+        arms.body(
+            at,
+            parent,
+            "revolute",
+            arms.place(f"x{k} y{k} z{k}", poses[k]),
+            rotation(f"q{k}"),
+        )
         for at, (k, parent) in enumerate(zip(numbers, parents, strict=True), start=1)
     ]
     return arms.tree("two arms", *bodies)
@@ -193,8 +255,14 @@ def two_arms(numbers: tuple[int, ...], parents: tuple[int, ...]) -> Mechanism:
 
 @pytest.mark.parametrize("unit", ["1", "1000", "0.001"])
 def test_unit_of_length_does_not_matter(unit: str) -> None:
-    rows = [row.replace("a2", f"{unit}*0.4318").replace("a3", f"{unit}*0.0203") for row in PUMA]
-    rows = [row.replace("d3", f"{unit}*0.15005").replace("d4", f"{unit}*0.4318") for row in rows]
+    rows = [
+        row.replace("a2", f"{unit}*0.4318").replace("a3", f"{unit}*0.0203")
+        for row in PUMA
+    ]
+    rows = [
+        row.replace("d3", f"{unit}*0.15005").replace("d4", f"{unit}*0.4318")
+        for row in rows
+    ]
     assert rank(arms.modified_dh("puma", *rows, gravity=f"0 0 -9.81*{unit}")) == 36
 
 
@@ -204,9 +272,13 @@ def test_base_frame_does_not_matter(axis: int, steps: int) -> None:
     arm = arms.modified_dh("puma", *PUMA)
     back = turn(axis, Angle(Fraction(steps, 12)))
     joint = arm.bodies[0].joint
-    first = replace(arm.bodies[0], joint=replace(joint, steps=merge((back, *joint.steps))))
+    first = replace(
+        arm.bodies[0], joint=replace(joint, steps=merge((back, *joint.steps)))
+    )
     assert arm.gravity is not None
-    moved = replace(arm, bodies=(first, *arm.bodies[1:]), gravity=rotate(back.rotation, arm.gravity))
+    moved = replace(
+        arm, bodies=(first, *arm.bodies[1:]), gravity=rotate(back.rotation, arm.gravity)
+    )
     assert rank(moved) == rank(arm)
 
 
@@ -214,7 +286,9 @@ def test_base_frame_does_not_matter(axis: int, steps: int) -> None:
 
 
 def svd_rank(mechanism: Mechanism) -> int:
-    return singular_value_rank(float_regressor(mechanism, *random_states(mechanism, 60)))
+    return singular_value_rank(
+        float_regressor(mechanism, *random_states(mechanism, 60))
+    )
 
 
 def singular_value_rank(x: FloatArray) -> int:
@@ -232,7 +306,9 @@ LENGTHS = {"a": "0.3", "b": "0.45", "c": "0.2", "h": "0.05", "g": "9.81"}
 PLACED = arms.place("a b c", "pi/6 0 pi/4")
 
 
-@pytest.mark.parametrize("kind", ["helical", "cylindrical", "universal", "planar", "spherical"])
+@pytest.mark.parametrize(
+    "kind", ["helical", "cylindrical", "universal", "planar", "spherical"]
+)
 @pytest.mark.parametrize("gravity", [arms.DOWN, None])
 def test_other_joints_against_singular_values(kind: str, gravity: str | None) -> None:
     steps = {
@@ -245,7 +321,13 @@ def test_other_joints_against_singular_values(kind: str, gravity: str | None) ->
     bodies = (
         arms.body(1, 0, kind, *steps),
         arms.body(2, 1, "revolute", PLACED, rotation("q2")),
-        arms.body(3, 2, kind, Placement(), *(replace(s, name=f"y{k}") for k, s in enumerate(steps))),
+        arms.body(
+            3,
+            2,
+            kind,
+            Placement(),
+            *(replace(s, name=f"y{k}") for k, s in enumerate(steps)),
+        ),
     )
     mechanism = arms.tree(kind, *bodies, gravity=gravity, values=LENGTHS)
     assert rank(mechanism) == svd_rank(mechanism)
@@ -270,17 +352,31 @@ def test_couplings_against_projected_regressor(name: str) -> None:
     """With q = T θ the regressor is Tᵀ X(T θ), and it cannot show more than X."""
     free = coupled_arm({})
     arm = coupled_arm(COUPLINGS[name])
-    map_ = np.array([[ratio(arm, q, k) for k in arm.velocities] for q in free.velocities])
+    map_ = np.array(
+        [[ratio(arm, q, k) for k in arm.velocities] for q in free.velocities]
+    )
     states = random_states(arm, 60)
-    projected = np.einsum("ij,sik->sjk", map_, float_regressor(free, *(x @ map_.T for x in states)))
-    np.testing.assert_allclose(float_regressor(arm, *states), projected, rtol=1e-11, atol=1e-11)
+    projected = np.einsum(
+        "ij,sik->sjk", map_, float_regressor(free, *(x @ map_.T for x in states))
+    )
+    np.testing.assert_allclose(
+        float_regressor(arm, *states), projected, rtol=1e-11, atol=1e-11
+    )
     assert rank(arm) == singular_value_rank(projected) <= rank(free)
 
 
 def coupled_arm(couplings: Mapping[str, Mapping[str, str]]) -> Mechanism:
     """Four revolute joints, the second and third parallel, with a slider at the end, some of them coupled."""
-    poses = (arms.place(), arms.place("a 0 c", "pi/2 0 0"), arms.place("a b 0"), arms.place("a 0 c", "pi/2 0 0"))
-    turns = [arms.body(k, k - 1, "revolute", placed, rotation(f"q{k}")) for k, placed in enumerate(poses, start=1)]
+    poses = (
+        arms.place(),
+        arms.place("a 0 c", "pi/2 0 0"),
+        arms.place("a b 0"),
+        arms.place("a 0 c", "pi/2 0 0"),
+    )
+    turns = [
+        arms.body(k, k - 1, "revolute", placed, rotation(f"q{k}"))
+        for k, placed in enumerate(poses, start=1)
+    ]
     slide = arms.body(5, 4, "prismatic", poses[1], translation("x"))
     return arms.tree("coupled", *turns, slide, couplings=couplings, values=LENGTHS)
 
@@ -303,14 +399,23 @@ def test_gimbal_is_a_universal_joint() -> None:
     """Two revolute joints with a massless ring between them see what one universal joint sees."""
     ring = arms.body(1, 0, "revolute", rotation("q1", 0), massless=True)
     gimbal = arms.tree("gimbal", ring, arms.body(2, 1, "revolute", rotation("q2", 1)))
-    universal = arms.tree("universal", arms.body(2, 0, "universal", *arms.universal_motions("q")))
+    universal = arms.tree(
+        "universal", arms.body(2, 0, "universal", *arms.universal_motions("q"))
+    )
     assert gimbal.parameters == universal.parameters
     assert ec.base_structure(gimbal).pivots == ec.base_structure(universal).pivots
 
 
 def test_massless_body_has_no_parameters() -> None:
-    arm = arms.modified_dh("puma", *PUMA, values={"a2": "0.4", "a3": "0.1", "d3": "0.2", "d4": "0.5", "g": "9.81"})
-    bodies = (replace(b, carried=() if i in (2, 4) else b.carried) for i, b in enumerate(arm.bodies))
+    arm = arms.modified_dh(
+        "puma",
+        *PUMA,
+        values={"a2": "0.4", "a3": "0.1", "d3": "0.2", "d4": "0.5", "g": "9.81"},
+    )
+    bodies = (
+        replace(b, carried=() if i in (2, 4) else b.carried)
+        for i, b in enumerate(arm.bodies)
+    )
     arm = replace(arm, bodies=tuple(bodies))
     assert len(arm.parameters) == 40
     assert rank(arm) == svd_rank(arm)

@@ -31,26 +31,46 @@ def check(base: ec.BaseModel, found: SymbolicRegressor, **symbols: float) -> Non
     """The formulas give the numbers of the regressor at random states."""
     robot = base.mechanism
     q, qd, qdd = random_states(base, np.random.default_rng(4))
-    kinds = {"q": (q, robot.positions), "qd": (qd, robot.velocities), "qdd": (qdd, robot.velocities)}
-    values = {f"{k}[{n}]": array[:, i] for k, (array, names) in kinds.items() for i, n in enumerate(names)}
-    values |= {name: np.full(len(q), s.value) for name, s in robot.symbols.items() if s.value is not None}
+    kinds = {
+        "q": (q, robot.positions),
+        "qd": (qd, robot.velocities),
+        "qdd": (qdd, robot.velocities),
+    }
+    values = {
+        f"{k}[{n}]": array[:, i]
+        for k, (array, names) in kinds.items()
+        for i, n in enumerate(names)
+    }
+    values |= {
+        name: np.full(len(q), s.value)
+        for name, s in robot.symbols.items()
+        if s.value is not None
+    }
     values |= {name: np.full(len(q), value) for name, value in symbols.items()}
     known = {s: values[found.inputs.get(s.name, s.name)] for s in symbols_of(found)}
     for symbol, formula in found.subexpressions:
         known[symbol] = number(formula, known)
     expected = evaluate_floats(base.reduced, robot, q, qd, qdd, symbols)
     for (i, j), entry in np.ndenumerate(np.array(found.entries.tolist(), dtype=object)):
-        np.testing.assert_allclose(number(entry, known), expected[:, i, j], atol=1e-9 * max(1, abs(expected).max()))
+        np.testing.assert_allclose(
+            number(entry, known),
+            expected[:, i, j],
+            atol=1e-9 * max(1, abs(expected).max()),
+        )
 
 
 def symbols_of(found: SymbolicRegressor) -> set[sympy.Symbol]:
-    everything = found.entries.free_symbols.union(*(f.free_symbols for _, f in found.subexpressions))
+    everything = found.entries.free_symbols.union(
+        *(f.free_symbols for _, f in found.subexpressions)
+    )
     return everything - {s for s, _ in found.subexpressions}
 
 
 def number(formula: sympy.Expr, known: dict[sympy.Symbol, np.ndarray]) -> np.ndarray:
     used = sorted(formula.free_symbols, key=str)
-    return sympy.lambdify(used, formula)(*(known[s] for s in used)) + np.zeros(len(next(iter(known.values()), [0.0])))
+    return sympy.lambdify(used, formula)(*(known[s] for s in used)) + np.zeros(
+        len(next(iter(known.values()), [0.0]))
+    )
 
 
 def test_double_pendulum_as_in_textbooks() -> None:
@@ -72,7 +92,18 @@ def test_double_pendulum_as_in_textbooks() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", one_in(2, ["floating_tree", "cart_pole", "gripper_coupled", "loops/../rx90", "scara", "furuta"])
+    "name",
+    one_in(
+        2,
+        [
+            "floating_tree",
+            "cart_pole",
+            "gripper_coupled",
+            "loops/../rx90",
+            "scara",
+            "furuta",
+        ],
+    ),
 )
 def test_numbers_of_the_examples(name: str) -> None:
     base = example(name)
@@ -82,7 +113,9 @@ def test_numbers_of_the_examples(name: str) -> None:
 @pytest.mark.parametrize("form", ["short", "named"])
 def test_both_forms_of_an_elbow(form: str) -> None:
     """A vertical axis and two horizontal ones: sums of the angles of the last two."""
-    arm = arms.modified_dh("elbow", "R 0 0 0", "R pi/2 0 0", "R 0 a 0", values={"a": "0.4", "g": "9.81"})
+    arm = arms.modified_dh(
+        "elbow", "R 0 0 0", "R pi/2 0 0", "R 0 a 0", values={"a": "0.4", "g": "9.81"}
+    )
     base = ec.base_parameters(arm)
     found = base.symbolic_regressor(form)  # type: ignore[arg-type]
     assert bool(found.subexpressions) == (form == "named")
@@ -100,7 +133,11 @@ def test_axes_that_point_against_each_other() -> None:
         arms.body(1, 0, "revolute", rotation("q1")),
         arms.body(2, 1, "revolute", arms.place("a 0 0"), rotation("q2", sign=-1)),
     ]
-    base = ec.base_parameters(arms.tree("against", *bodies, gravity="0 -g 0", values={"a": "0.4", "g": "9.81"}))
+    base = ec.base_parameters(
+        arms.tree(
+            "against", *bodies, gravity="0 -g 0", values={"a": "0.4", "g": "9.81"}
+        )
+    )
     found = base.symbolic_regressor()
     q1, q2, g = sympy.symbols("q1 q2 g")
     assert found.entries[0, found.columns.index("MX2")].coeff(g) == sympy.cos(q1 - q2)
@@ -127,15 +164,24 @@ def test_python_text_runs_and_is_exact() -> None:
 
 def test_named_subexpressions_put_in() -> None:
     base = example("double_pendulum")
-    difference = base.symbolic_regressor("named").matrix - base.symbolic_regressor("short").entries
-    assert difference.applyfunc(lambda e: sympy.expand(sympy.expand_trig(e))).is_zero_matrix
+    difference = (
+        base.symbolic_regressor("named").matrix
+        - base.symbolic_regressor("short").entries
+    )
+    assert difference.applyfunc(
+        lambda e: sympy.expand(sympy.expand_trig(e))
+    ).is_zero_matrix
 
 
 def test_linear_models_and_reserved_names() -> None:
     x, rate, lam = sympy.symbols("x y lambda")
-    model = ec.LinearModel([[lam * x, sympy.exp(x) * rate, 2 * x]], ["x", "y"], ["a", "b", "c"], ["lambda"])
+    model = ec.LinearModel(
+        [[lam * x, sympy.exp(x) * rate, 2 * x]], ["x", "y"], ["a", "b", "c"], ["lambda"]
+    )
     found = ec.base_parameters(model).symbolic_regressor()
-    assert found.entries == sympy.ImmutableMatrix([[sympy.Symbol("lambda_") * x, sympy.exp(x) * rate]])
+    assert found.entries == sympy.ImmutableMatrix(
+        [[sympy.Symbol("lambda_") * x, sympy.exp(x) * rate]]
+    )
     assert found.inputs["lambda_"] == "lambda"
     names: dict[str, object] = {}
     exec(found.python(), names)
@@ -146,7 +192,8 @@ def test_refusals() -> None:
     with pytest.raises(ClosedFormError, match="more than 4096 terms"):
         example("panda").symbolic_regressor("short")
     with pytest.raises(
-        InputError, match="argument 'form' of symbolic_regressor: needs one of 'auto', 'short', 'named'"
+        InputError,
+        match="argument 'form' of symbolic_regressor: needs one of 'auto', 'short', 'named'",
     ):
         example("furuta").symbolic_regressor("long")  # type: ignore[arg-type]
 
@@ -157,6 +204,16 @@ def test_command(tmp_path: Path) -> None:
     assert latex.exit_code == 0
     assert "\\cos{\\left(q_{1} + q_{2} \\right)}" in latex.stdout
     file = tmp_path / "x.py"
-    assert CliRunner().invoke(app, ["derive", robot, "--regressor", "sympy", "-o", str(file)]).exit_code == 0
+    assert (
+        CliRunner()
+        .invoke(app, ["derive", robot, "--regressor", "sympy", "-o", str(file)])
+        .exit_code
+        == 0
+    )
     assert "X[0, 3] = qdd1 + qdd2\n" in file.read_text()
-    assert CliRunner().invoke(app, ["derive", robot, "--regressor", "latex", "--rank-only"]).exit_code == 2
+    assert (
+        CliRunner()
+        .invoke(app, ["derive", robot, "--regressor", "latex", "--rank-only"])
+        .exit_code
+        == 2
+    )

@@ -37,13 +37,17 @@ def check(found: ec.Audit, model: ec.BaseModel) -> None:
         assert not missing.witness.claimed
         state = [np.array([missing.witness.state[key]]) for key in ("q", "qd", "qdd")]
         outputs = float_regressor(model.mechanism, *state)[0] @ change
-        np.testing.assert_allclose(outputs, list(missing.witness.outputs.values()), atol=1e-9)
+        np.testing.assert_allclose(
+            outputs, list(missing.witness.outputs.values()), atol=1e-9
+        )
         assert np.abs(outputs).max() > 0.01
 
 
 def test_own_output_in_every_form(tmp_path: Path) -> None:
     model = base(PUMA_FILE)
-    assert ec.audit(model, [str(e) for e in model.expressions]).verdict is ec.Verdict.EQUAL
+    assert (
+        ec.audit(model, [str(e) for e in model.expressions]).verdict is ec.Verdict.EQUAL
+    )
     ec.save_base(model, tmp_path / "set.json")
     assert ec.audit(model, tmp_path / "set.json").verdict is ec.Verdict.EQUAL
     other = ec.base_parameters(model.mechanism, order="tip-to-base", prefer=["M6"])
@@ -57,13 +61,18 @@ def test_own_output_in_every_form(tmp_path: Path) -> None:
 def test_one_coefficient_altered() -> None:
     model = base(PUMA_FILE)
     claims = [str(e) for e in model.expressions]
-    index = next(i for i, text in enumerate(claims) if "2·a3·MX4" in text or "·MZ4" in text)
+    index = next(
+        i for i, text in enumerate(claims) if "2·a3·MX4" in text or "·MZ4" in text
+    )
     altered = list(claims)
     altered[index] = altered[index].replace("MZ4", "3·MZ4", 1)
     found = ec.audit(model, altered)
     assert found.verdict is ec.Verdict.WRONG
     (wrong,) = found.of(Agreement.WRONG)
-    assert (wrong.number, [d.parameter for d in wrong.differences]) == (index + 1, ["MZ4"])
+    assert (wrong.number, [d.parameter for d in wrong.differences]) == (
+        index + 1,
+        ["MZ4"],
+    )
     assert not found.missing
     check(found, model)
 
@@ -79,7 +88,10 @@ def test_wrong_sign_missing_and_redundant_rows() -> None:
     assert [f.number for f in found.findings if f.redundant] == [36]
     assert [str(m.expression) for m in found.missing] == [dropped]
     texts = [str(d) for f in found.of(Agreement.WRONG) for d in f.differences]
-    assert texts == ["MZ4 has the coefficient -1 instead of 1", "the term 1·M1 does not belong here"]
+    assert texts == [
+        "MZ4 has the coefficient -1 instead of 1",
+        "the term 1·M1 does not belong here",
+    ]
     check(found, model)
     text = str(found)
     assert "witness: add +1 to M1\n" in text
@@ -102,7 +114,10 @@ def test_equal_lengths_do_not_excuse_a_wrong_symbol() -> None:
     claims = rows()
     claims[3] = "XZ2 - RL4*MZ3"
     found = ec.audit(base(RX90_FILE), claims)
-    assert str(found.of(Agreement.WRONG)[0].differences[0]) == "MZ3 has the coefficient -RL4 instead of -D3"
+    assert (
+        str(found.of(Agreement.WRONG)[0].differences[0])
+        == "MZ3 has the coefficient -RL4 instead of -D3"
+    )
     claims[3] = "XZ2 - 0.45*MZ3"
     found = ec.audit(base(RX90_FILE), claims)
     assert (found.verdict, found.numeric) == (ec.Verdict.EQUAL, True)
@@ -114,13 +129,17 @@ def test_terms_that_were_dropped() -> None:
     length = robot.symbols["l1"].value
     assert length is not None
     found = ec.audit(robot, [f"ZZ1 + {length**2:.4f}*M2", *claims[1:]])
-    assert [str(d) for f in found.of(Agreement.WRONG) for d in f.differences] == ["the term l1·M2 is missing"]
+    assert [str(d) for f in found.of(Agreement.WRONG) for d in f.differences] == [
+        "the term l1·M2 is missing"
+    ]
 
 
 def test_measured_inputs_are_part_of_an_example(tmp_path: Path) -> None:
     file = tmp_path / "driven.yaml"
     text = (EXAMPLES / "double_pendulum.yaml").read_text().partition("effects:")[0]
-    file.write_text(text + "effects: [{type: drive_gain, at: all}, {type: viscous, at: all}]\n")
+    file.write_text(
+        text + "effects: [{type: drive_gain, at: all}, {type: viscous, at: all}]\n"
+    )
     model = ec.base_parameters(ec.load(file))
     claims = [str(e) for e in model.expressions]
     assert ec.audit(model, claims).equal
@@ -153,10 +172,16 @@ def numeric_claims(file: Path, digits: int) -> tuple[list[str], int]:
     chosen = independent_columns(w[:, seen])
     base_columns = [seen[k] for k in chosen]
     others = [k for k in seen if k not in base_columns]
-    beta = np.linalg.lstsq(w[:, base_columns], w[:, others], rcond=None)[0].round(digits)
+    beta = np.linalg.lstsq(w[:, base_columns], w[:, others], rcond=None)[0].round(
+        digits
+    )
     texts = []
     for i, column in enumerate(base_columns):
-        terms = [f"{beta[i, j]:+}*{names[other]}" for j, other in enumerate(others) if beta[i, j]]
+        terms = [
+            f"{beta[i, j]:+}*{names[other]}"
+            for j, other in enumerate(others)
+            if beta[i, j]
+        ]
         texts.append(" ".join([names[column], *(f"{t[0]} {t[1:]}" for t in terms)]))
     return texts, len(base_columns)
 
@@ -173,17 +198,27 @@ def test_rounded_angles_of_a_file_explain_small_differences() -> None:
     assert count == 43
     intended = ec.audit(ec.load(file), claims)
     assert intended.verdict is ec.Verdict.WRONG
-    assert all(abs(d.difference or 0) < 1e-5 for f in intended.findings for d in f.differences)
+    assert all(
+        abs(d.difference or 0) < 1e-5 for f in intended.findings for d in f.differences
+    )
     assert "rounded angles were read as exact" in intended.notes[0]
-    assert ec.audit(ec.load(file, snap_tolerance=0), claims).verdict is ec.Verdict.EQUAL_TO_PRINTED_DIGITS
+    assert (
+        ec.audit(ec.load(file, snap_tolerance=0), claims).verdict
+        is ec.Verdict.EQUAL_TO_PRINTED_DIGITS
+    )
 
 
-@pytest.mark.parametrize(("name", "rank"), [pytest.param("ur10_robot", 36, marks=pytest.mark.slow), ("panda", 51)])
+@pytest.mark.parametrize(
+    ("name", "rank"),
+    [pytest.param("ur10_robot", 36, marks=pytest.mark.slow), ("panda", 51)],
+)
 def test_decimals_of_a_numeric_program(name: str, rank: int) -> None:
     file = robot_file(name)
     claims, count = numeric_claims(file, 6)
     assert count == rank
-    model = ec.base_parameters(ec.load(file, independent_mimics=True))  # as Pinocchio does
+    model = ec.base_parameters(
+        ec.load(file, independent_mimics=True)
+    )  # as Pinocchio does
     found = ec.audit(model, claims)
     assert found.naming == "pinocchio"
     assert found.equal, str(found)
@@ -194,8 +229,12 @@ def test_decimals_of_a_numeric_program(name: str, rank: int) -> None:
     assert 0 < largest < 0.5001e-3
     assert ec.audit(model, rounded[:-1]).verdict is ec.Verdict.INCOMPLETE
     altered = list(rounded)
-    index = next(k for k, text in enumerate(rounded) if re.search(r" \+ 0\.\d+\*m\d", text))
-    altered[index] = re.sub(r" \+ 0\.\d+\*(m\d)", r" + 0.987*\1", altered[index], count=1)
+    index = next(
+        k for k, text in enumerate(rounded) if re.search(r" \+ 0\.\d+\*m\d", text)
+    )
+    altered[index] = re.sub(
+        r" \+ 0\.\d+\*(m\d)", r" + 0.987*\1", altered[index], count=1
+    )
     found = ec.audit(model, altered)
     assert [f.number for f in found.of(Agreement.WRONG)] == [index + 1]
     check(found, model)

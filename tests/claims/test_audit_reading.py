@@ -19,7 +19,9 @@ MASS = re.compile(r"\bM([1-6])\b")
 
 
 def renamed(text: str, inertia: str, moment: str, mass: str) -> str:
-    text = INERTIA.sub(lambda f: inertia.format(f[1].lower() + f[2].lower(), f[3]), text)
+    text = INERTIA.sub(
+        lambda f: inertia.format(f[1].lower() + f[2].lower(), f[3]), text
+    )
     text = MOMENT.sub(lambda f: moment.format(f[1].lower(), f[2]), text)
     return MASS.sub(lambda f: mass.format(f[1]), text)
 
@@ -40,7 +42,9 @@ def test_published_set_in_every_naming(naming: str, tmp_path: Path) -> None:
     assert found.naming == naming
     assert not found.numeric
     assert found.findings[0].claim.name == "ZZR1"
-    forced = ec.audit(base(RX90_FILE), file, naming="symoro" if naming == "echelon" else naming)
+    forced = ec.audit(
+        base(RX90_FILE), file, naming="symoro" if naming == "echelon" else naming
+    )
     assert forced.equal
 
 
@@ -51,15 +55,23 @@ def test_bodies_by_name_and_hyphens(tmp_path: Path) -> None:
         "<parent link='base'/><child link='up-arm'/><axis xyz='1 0 0'/></joint></robot>"
     )
     robot = ec.load(file)
-    assert ec.audit(robot, ["Ixx_up-arm", "my_up-arm", "mz_up-arm"]).verdict is ec.Verdict.EQUAL
-    assert ec.audit(robot, ["Ixx_sh", "my_sh - mz_sh", "my_sh + mz_sh"]).verdict is ec.Verdict.EQUAL
+    assert (
+        ec.audit(robot, ["Ixx_up-arm", "my_up-arm", "mz_up-arm"]).verdict
+        is ec.Verdict.EQUAL
+    )
+    assert (
+        ec.audit(robot, ["Ixx_sh", "my_sh - mz_sh", "my_sh + mz_sh"]).verdict
+        is ec.Verdict.EQUAL
+    )
 
 
 def test_ignored_and_defined_names() -> None:
     model = base(RX90_FILE)
     claims = [text.replace("RL4", "L") for text in rows()]
     claims[0] += " + IA1"
-    found = ec.audit(model, [*claims, "FV1", "FS1"], define={"L": "RL4"}, ignore=["IA*", "F?1"])
+    found = ec.audit(
+        model, [*claims, "FV1", "FS1"], define={"L": "RL4"}, ignore=["IA*", "F?1"]
+    )
     assert found.verdict is ec.Verdict.EQUAL
     assert [claim.text for claim in found.ignored] == ["FV1", "FS1"]
 
@@ -85,7 +97,9 @@ def test_files(tmp_path: Path) -> None:
     claims = {f"beta_{k}": f.claim.text for k, f in enumerate(found.findings)}
     (tmp_path / "named.json").write_text(json.dumps(claims))
     (tmp_path / "list.json").write_text(json.dumps(list(claims.values())))
-    (tmp_path / "lines.txt").write_text("".join(f"{name}: {text}  // note\n" for name, text in claims.items()))
+    (tmp_path / "lines.txt").write_text(
+        "".join(f"{name}: {text}  // note\n" for name, text in claims.items())
+    )
     for name in ("named.json", "list.json", "lines.txt"):
         assert ec.audit(robot, tmp_path / name).equal
     assert ec.audit(robot, claims).findings[2].claim.name == "beta_2"
@@ -94,13 +108,19 @@ def test_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("claim", "message"),
     [
-        ("XXR2", r"'XXR2' is a regrouped parameter, not a standard one: write its expression, such as XX2"),
+        (
+            "XXR2",
+            r"'XXR2' is a regrouped parameter, not a standard one: write its expression, such as XX2",
+        ),
         (
             "XX9",
             r"'XX9' is neither a standard parameter in the naming of echelon nor a symbol of the robot \(nearest: XX",
         ),
         ("ZZ1 + L*M2", "'L' is neither a standard parameter"),
-        ("ZZ1*M2", "the product of ZZ1 and M2 is not linear in the standard parameters"),
+        (
+            "ZZ1*M2",
+            "the product of ZZ1 and M2 is not linear in the standard parameters",
+        ),
         ("ZZ1^2", "'ZZ1' holds a standard parameter, which must be linear"),
         ("ZZ1 + 3", "the term 3 stands without a standard parameter"),
         ("ZZ1 - ZZ1", "'ZZ1 - ZZ1' is zero"),
@@ -124,7 +144,10 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         "empty.txt": ("# nothing\n", "holds no base parameters"),
         "broken.json": ("[", "not well-formed JSON"),
         "number.json": ("[1]", "entry 1: expected an expression as text"),
-        "other.json": ('{"schema": "x/1"}', "schema 'x/1' is not a set of base parameters"),
+        "other.json": (
+            '{"schema": "x/1"}',
+            "schema 'x/1' is not a set of base parameters",
+        ),
         "half.json": ('{"schema": "echelon.base-model/1"}', "not a document of schema"),
         "scalar.json": ("3", "expected a list of expressions"),
     }
@@ -154,7 +177,11 @@ def test_command(tmp_path: Path) -> None:
     done = run("audit", RX90_FILE, str(file), "--json")
     assert done.returncode == 1
     data = json.loads(done.stdout)
-    assert (data["schema"], data["verdict"], data["equal"]) == ("echelon.audit/1", "incomplete", False)
+    assert (data["schema"], data["verdict"], data["equal"]) == (
+        "echelon.audit/1",
+        "incomplete",
+        False,
+    )
     assert data["missing"][0]["expression"] == "MX4"
     assert data["missing"][0]["witness"]["change"] == {"MX4": 1.0}
     done = run("audit", RX90_FILE, str(file), "--define", "nonsense")

@@ -14,7 +14,10 @@ from echelon.base.matrix import BaseMatrix
 from echelon.exact.rational import RationalFunction
 from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear_forms import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.linear_forms import (
+    inverse_dynamics_regressor,
+    virtual_power_form,
+)
 from support import textbook_arms as arms
 from support.descriptions import read_description
 from support.paths import ROOT
@@ -33,7 +36,9 @@ def refused(mechanism: Mechanism, matrix: BaseMatrix, seed: int = 7) -> str:
 
 @pytest.mark.parametrize("row", [0, 7])
 @pytest.mark.parametrize("factor", [7, Fraction(1, 10**12)])
-def test_an_invisible_parameter_in_a_base_parameter_is_found(row: int, factor: int | Fraction) -> None:
+def test_an_invisible_parameter_in_a_base_parameter_is_found(
+    row: int, factor: int | Fraction
+) -> None:
     """The columns of XX1 to MZ1 and of M1 are structurally zero: nothing of X is there to compare with."""
     base = ec.base_parameters(arms.rx90())
     for name in ("M1", "YY1"):
@@ -50,7 +55,11 @@ def test_an_invisible_parameter_in_a_base_parameter_of_a_linkage_is_found() -> N
     rows = [dict(r) for r in base.matrix.rows]
     rows[0][base.parameters.index("M1")] = RationalFunction(7)
     with pytest.raises(ec.CertificateError, match="M1"):
-        certify(virtual_power_form(base.mechanism), replace(base.matrix, rows=tuple(rows)), seed=7)
+        certify(
+            virtual_power_form(base.mechanism),
+            replace(base.matrix, rows=tuple(rows)),
+            seed=7,
+        )
 
 
 @pytest.fixture(scope="module")
@@ -58,18 +67,28 @@ def cornered() -> ec.BaseModel:
     rows = [{"joint": "revolute", "alpha": "pi/2", "a": "0.2"}] * 3
     effects = [
         {"type": "viscous", "at": "j1", "side": "joint"},
-        {"parameter": "corner", "unit": "N·m·s/rad", "acts": [{"at": "j1", "side": "joint", "term": CORNER}]},
+        {
+            "parameter": "corner",
+            "unit": "N·m·s/rad",
+            "acts": [{"at": "j1", "side": "joint", "term": CORNER}],
+        },
     ]
     data = {"echelon": 1, "name": "arm", "modified_dh": rows, "effects": effects}
-    return ec.base_parameters(read_description(json.dumps(data), "arm", ReadingOptions()))
+    return ec.base_parameters(
+        read_description(json.dumps(data), "arm", ReadingOptions())
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_claim_that_holds_in_seven_of_eight_regions_is_refused(cornered: ec.BaseModel, seed: int) -> None:
+def test_a_claim_that_holds_in_seven_of_eight_regions_is_refused(
+    cornered: ec.BaseModel, seed: int
+) -> None:
     """What acts in one region only is left out, or said to be nothing but another friction."""
     matrix = cornered.matrix
     column = matrix.parameters.index("corner")
     k = matrix.pivots.index(column)
     rest = tuple(row for i, row in enumerate(matrix.rows) if i != k)
-    cut = replace(matrix, pivots=tuple(p for p in matrix.pivots if p != column), rows=rest)
+    cut = replace(
+        matrix, pivots=tuple(p for p in matrix.pivots if p != column), rows=rest
+    )
     assert "corner" in refused(cornered.mechanism, cut, seed)

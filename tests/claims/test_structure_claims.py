@@ -16,7 +16,15 @@ from echelon.base.structure import find_structure
 from echelon.exact.field import PrimeField, reduced_echelon
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.effect import Side, ready_made
-from echelon.mechanism.joint import ALL, GROUND, MotionKind, ball, floating_motions, rotation, translation
+from echelon.mechanism.joint import (
+    ALL,
+    GROUND,
+    MotionKind,
+    ball,
+    floating_motions,
+    rotation,
+    translation,
+)
 from echelon.mechanism.mechanism import Actuator, Cut, Force, Mechanism, Output, plain
 from echelon.regressor import linear_forms
 from echelon.regressor.linear_forms import FEW_COLUMNS, virtual_power_form
@@ -31,7 +39,9 @@ def pivots_by_one_elimination(mechanism: Mechanism, seed: int = 5) -> list[int]:
     """Pivots of uᵀX at random states of one random geometry, all columns at once."""
     forms = virtual_power_form(mechanism)
     if not forms.rational:  # at real states
-        return list(structure.linear_structure(forms, np.random.default_rng(seed)).pivots)
+        return list(
+            structure.linear_structure(forms, np.random.default_rng(seed)).pivots
+        )
     sampler, rng = forms.sampler(), np.random.default_rng(seed)
     found: list[list[int]] = []
     for _ in range(2):
@@ -49,14 +59,22 @@ def agree(mechanism: Mechanism) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(structure, "FEW_COLUMNS", few)
             patch.setattr(linear_forms, "FEW_COLUMNS", few)
-            assert list(find_structure(mechanism, np.random.default_rng(1)).pivots) == expected
+            assert (
+                list(find_structure(mechanism, np.random.default_rng(1)).pivots)
+                == expected
+            )
 
 
 def carrying(mechanism: Mechanism, *carried: str) -> Mechanism:
     """The same mechanism; each string names what a body carries, ``*`` for everything."""
-    kinds = [ALL if text == "*" else tuple(map(KINDS.index, text.split())) for text in carried]
+    kinds = [
+        ALL if text == "*" else tuple(map(KINDS.index, text.split()))
+        for text in carried
+    ]
     bodies = zip(mechanism.bodies, kinds, strict=True)
-    return replace(mechanism, bodies=tuple(replace(body, carried=some) for body, some in bodies))
+    return replace(
+        mechanism, bodies=tuple(replace(body, carried=some) for body, some in bodies)
+    )
 
 
 # -- where a joint is mounted ---------------------------------------------------------------------------------------
@@ -66,22 +84,35 @@ def two_carts(first: str, second: str) -> Mechanism:
     """Two spinning carts, each with a free-turning body somewhere on it."""
     bodies = []
     for number, xyz in ((1, first), (3, second)):
-        bodies.append(arms.body(number, 0, "floating", *floating_motions(f"base{number}")))
-        bodies.append(arms.body(number + 1, number, "spherical", arms.place(xyz), ball(f"s{number}")))
+        bodies.append(
+            arms.body(number, 0, "floating", *floating_motions(f"base{number}"))
+        )
+        bodies.append(
+            arms.body(
+                number + 1, number, "spherical", arms.place(xyz), ball(f"s{number}")
+            )
+        )
     return arms.tree("two carts", *bodies, gravity=None)
 
 
-@pytest.mark.parametrize("mounts", [("0 0 0", "a 0 0"), ("a 0 0", "0 0 0"), ("a 0 0", "0 b 0"), ("0 0 0", "0 0 0")])
+@pytest.mark.parametrize(
+    "mounts",
+    [("0 0 0", "a 0 0"), ("a 0 0", "0 0 0"), ("a 0 0", "0 b 0"), ("0 0 0", "0 0 0")],
+)
 @pytest.mark.parametrize("parent", ["M", "MX M", "XX YY ZZ M", "MX MY MZ M", "*"])
 @pytest.mark.parametrize("child", ["M", "*"])
-def test_mount_on_a_parent_that_carries_some_parameters(mounts: tuple[str, str], parent: str, child: str) -> None:
+def test_mount_on_a_parent_that_carries_some_parameters(
+    mounts: tuple[str, str], parent: str, child: str
+) -> None:
     agree(carrying(two_carts(*mounts), parent, child, parent, child))
 
 
 @pytest.mark.parametrize("some", ["M", "MX MY MZ M", "ZZ", "XX YY ZZ", ""])
 @pytest.mark.parametrize("others", ["*", "MX M"])
 @pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_equal_joints_on_bodies_that_carry_different_parameters(some: str, others: str, which: int) -> None:
+def test_equal_joints_on_bodies_that_carry_different_parameters(
+    some: str, others: str, which: int
+) -> None:
     """One parent, or one child, carries something else than its twin."""
     first, second = [others, others], [others, others]
     second[which] = some
@@ -100,9 +131,16 @@ def test_two_point_masses_of_which_one_is_offset() -> None:
 
 @settings(max_examples=25)
 @given(mechanisms(4), st.data())
-def test_random_trees_that_carry_some_parameters(mechanism: Mechanism, data: st.DataObject) -> None:
+def test_random_trees_that_carry_some_parameters(
+    mechanism: Mechanism, data: st.DataObject
+) -> None:
     some = st.sampled_from([ALL, ALL, (9,), (6, 7, 8, 9), (5,), (0, 3, 5, 9), ()])
-    agree(replace(mechanism, bodies=tuple(replace(b, carried=data.draw(some)) for b in mechanism.bodies)))
+    agree(
+        replace(
+            mechanism,
+            bodies=tuple(replace(b, carried=data.draw(some)) for b in mechanism.bodies),
+        )
+    )
 
 
 # -- sensors, effects, massless bodies, couplings, ground, gravity ----------------------------------------------------
@@ -120,7 +158,13 @@ def sensed(draw: st.DrawFn) -> Mechanism:
     for k in range(draw(st.integers(0, 4))):
         body = draw(st.integers(GROUND, len(mechanism.bodies) - 1))
         frame = arms.place(draw(st.sampled_from(["0 0 0", "a 0 b"])), "0 pi/6 pi/4")
-        cut = Cut(body, frame, draw(st.booleans()), draw(st.integers(0, 2)), draw(st.booleans()))
+        cut = Cut(
+            body,
+            frame,
+            draw(st.booleans()),
+            draw(st.integers(0, 2)),
+            draw(st.booleans()),
+        )
         outputs.append(plain(f"sensor {k}", "N", cut))
     return replace(mechanism, measured=tuple(outputs))
 
@@ -134,9 +178,14 @@ def test_random_trees_with_sensors(mechanism: Mechanism) -> None:
 @pytest.mark.parametrize("on_parent", [True, False])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("angular", [True, False])
-def test_sensor_between_a_body_and_its_parent_sees_what_would_move(on_parent: bool, axis: int, angular: bool) -> None:
+def test_sensor_between_a_body_and_its_parent_sees_what_would_move(
+    on_parent: bool, axis: int, angular: bool
+) -> None:
     arm = arms.rx90()
-    outputs = (*arm.outputs, plain("sensor", "N", Cut(3, arms.place("0 0 h"), on_parent, axis, angular)))
+    outputs = (
+        *arm.outputs,
+        plain("sensor", "N", Cut(3, arms.place("0 0 h"), on_parent, axis, angular)),
+    )
     sensing = replace(arm, measured=outputs)
     agree(sensing)
     if not angular or axis != 2:  # the moment about the joint's own axis is its torque
@@ -159,16 +208,31 @@ def affected(draw: st.DrawFn) -> Mechanism:
     actuators: tuple[Actuator, ...] = ()
     if len(free) > 1 and draw(st.booleans()):
         first, second = free[:2]
-        rows = (("A", ((first, ONE), (second, ONE))), ("B", ((first, ONE), (second, ONE * -1))))
+        rows = (
+            ("A", ((first, ONE), (second, ONE))),
+            ("B", ((first, ONE), (second, ONE * -1))),
+        )
         actuators = tuple(Actuator(name, terms) for name, terms in rows)
     mechanism = replace(mechanism, actuators=actuators)
-    drives = [a.name for a in mechanism.transmission.actuators if all(name in single for name, _ in a.terms)]
+    drives = [
+        a.name
+        for a in mechanism.transmission.actuators
+        if all(name in single for name, _ in a.terms)
+    ]
     effects = []
     for k in range(draw(st.integers(1, 4))):
         side = draw(st.sampled_from(Side))
-        at = draw(st.sampled_from(drives if side is Side.ACTUATOR else free)) if free else None
+        at = (
+            draw(st.sampled_from(drives if side is Side.ACTUATOR else free))
+            if free
+            else None
+        )
         if at is not None:
-            kind = draw(st.sampled_from(["viscous", "coulomb", "offset", "rotor_inertia", "spring"]))
+            kind = draw(
+                st.sampled_from(
+                    ["viscous", "coulomb", "offset", "rotor_inertia", "spring"]
+                )
+            )
             effects += ready_made(kind, at, side, f"_{k}", sliding=False)
     return replace(mechanism, effects=tuple(effects))
 
@@ -189,18 +253,30 @@ def fingers(ratio: str) -> Mechanism:
     """A hand with two fingers that move together, on a wrist of which two bodies carry nothing."""
     wrist = [
         arms.body(1, 0, "floating", *floating_motions("base")),
-        arms.body(2, 1, "revolute", arms.place("a 0 0"), rotation("w1", 0), massless=True),
+        arms.body(
+            2, 1, "revolute", arms.place("a 0 0"), rotation("w1", 0), massless=True
+        ),
         arms.body(3, 2, "revolute", rotation("w2", 1), massless=True),
         arms.body(4, 3, "revolute", rotation("w3", 2)),
     ]
-    slides = [arms.body(k, 4, "prismatic", arms.place("0 b c"), translation(f"f{k}", 1)) for k in (5, 6)]
+    slides = [
+        arms.body(k, 4, "prismatic", arms.place("0 b c"), translation(f"f{k}", 1))
+        for k in (5, 6)
+    ]
     return arms.tree("hand", *wrist, *slides, couplings={"f6": {"f5": ratio}})
 
 
 def shoulder_and_elbow() -> Mechanism:
     """A coupling across two joints, whose follower's symbols occur elsewhere too."""
-    bodies = [arms.body(k, k - 1, "revolute", arms.place("a 0 b", "pi/2 0 0"), rotation(f"q{k}")) for k in range(1, 6)]
-    return arms.tree("shoulder and elbow", *bodies, couplings={"q4": {"q1": "a", "q3": "1"}})
+    bodies = [
+        arms.body(
+            k, k - 1, "revolute", arms.place("a 0 b", "pi/2 0 0"), rotation(f"q{k}")
+        )
+        for k in range(1, 6)
+    ]
+    return arms.tree(
+        "shoulder and elbow", *bodies, couplings={"q4": {"q1": "a", "q3": "1"}}
+    )
 
 
 def frozen() -> Mechanism:
@@ -213,7 +289,9 @@ def on_ground() -> Mechanism:
     bodies = (
         arms.body(1, 0, "fixed", arms.place("a b c")),
         arms.body(2, 1, "revolute", arms.place("a 0 0", "pi/6 0 0"), rotation("q2")),
-        arms.body(3, 0, "prismatic", arms.place("0 0 0", "pi/2 0 0"), translation("q3")),
+        arms.body(
+            3, 0, "prismatic", arms.place("0 0 0", "pi/2 0 0"), translation("q3")
+        ),
         arms.body(4, 3, "fixed", arms.place("0 b 0")),
     )
     return arms.tree("on ground", *bodies)
@@ -222,7 +300,9 @@ def on_ground() -> Mechanism:
 def long_arm() -> Mechanism:
     """Many equal joints, so that almost every one is settled on its own."""
     twists = ["0", *(["pi/2", "-pi/2", "pi/4"] * 4)]
-    return arms.modified_dh("long", *(f"R {twist} a{i} d{i}" for i, twist in enumerate(twists)))
+    return arms.modified_dh(
+        "long", *(f"R {twist} a{i} d{i}" for i, twist in enumerate(twists))
+    )
 
 
 CASES = [

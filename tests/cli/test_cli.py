@@ -16,20 +16,30 @@ from support.command_line import run, run_alone
 from support.paths import ROOT
 from support.selection import slow_unless
 
-PANDA, PENDULUM = str(ROOT / "examples/panda.yaml"), str(ROOT / "examples/double_pendulum.yaml")
+PANDA, PENDULUM = (
+    str(ROOT / "examples/panda.yaml"),
+    str(ROOT / "examples/double_pendulum.yaml"),
+)
 
 
 def test_text() -> None:
     done = run("derive", PANDA)
     assert done.returncode == 0
     assert done.stderr == ""
-    assert done.stdout.startswith("panda: 43 base parameters of 70 standard parameters, 7 outputs\n")
-    assert "\n16  XX4 − YY4 + YY5 + 2·d5·MZ5 − (a4² − d5²)·(M5 + M6 + M7)\n" in done.stdout
+    assert done.stdout.startswith(
+        "panda: 43 base parameters of 70 standard parameters, 7 outputs\n"
+    )
+    assert (
+        "\n16  XX4 − YY4 + YY5 + 2·d5·MZ5 − (a4² − d5²)·(M5 + M6 + M7)\n" in done.stdout
+    )
     assert "certificate: rank 43" in done.stdout
     assert "\x1b" not in done.stdout
 
 
-@pytest.mark.parametrize(("name", "sign"), [("markdown", "| # | base parameter"), ("latex", r"\begin{align*}")])
+@pytest.mark.parametrize(
+    ("name", "sign"),
+    [("markdown", "| # | base parameter"), ("latex", r"\begin{align*}")],
+)
 def test_other_formats(name: str, sign: str) -> None:
     done = run("derive", PENDULUM, "--format", name)
     assert done.returncode == 0
@@ -37,16 +47,24 @@ def test_other_formats(name: str, sign: str) -> None:
 
 
 def test_json_follows_its_schema_and_repeats() -> None:
-    first, second = run("derive", PANDA, "--json"), run("derive", PANDA, "--format", "json")
+    first, second = (
+        run("derive", PANDA, "--json"),
+        run("derive", PANDA, "--format", "json"),
+    )
     assert first.stdout == second.stdout
     data = json.loads(first.stdout)
     jsonschema.Draft202012Validator(json_schema(BaseModelRecord)).validate(data)
-    term = next(t for row in data["base"] for t in row["terms"] if t["coefficient"] == "a4^2")
+    term = next(
+        t for row in data["base"] for t in row["terms"] if t["coefficient"] == "a4^2"
+    )
     assert term["value"] == pytest.approx(0.0825**2)
 
 
 def test_seed_is_recorded_and_does_not_change_the_answer() -> None:
-    one, two = (json.loads(run("derive", PENDULUM, "--json", "--seed", s).stdout) for s in ("1", "2"))
+    one, two = (
+        json.loads(run("derive", PENDULUM, "--json", "--seed", s).stdout)
+        for s in ("1", "2")
+    )
     assert (one["seed"], two["seed"]) == (1, 2)
     assert one["base"] == two["base"]
 
@@ -57,8 +75,13 @@ def test_options_reach_the_library() -> None:
     assert run("derive", PENDULUM, "--floating").stdout.startswith("double pendulum: 2")
     assert "M2 + (1/l1)·MX1" in run("derive", PENDULUM, "--prefer", "M2").stdout
     assert run("derive", PENDULUM, "--order", "tip-to-base").returncode == 0
-    assert "representatives: ZZ1 MX1 MY1 ZZ2 MX2 MY2" in run("derive", PENDULUM, "--rank-only").stdout
-    assert json.loads(run("derive", PENDULUM, "--rank-only", "--json").stdout)["rank"] == 6
+    assert (
+        "representatives: ZZ1 MX1 MY1 ZZ2 MX2 MY2"
+        in run("derive", PENDULUM, "--rank-only").stdout
+    )
+    assert (
+        json.loads(run("derive", PENDULUM, "--rank-only", "--json").stdout)["rank"] == 6
+    )
 
 
 def test_file_is_written_whole_and_verifies(tmp_path: Path) -> None:
@@ -96,10 +119,16 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path, case: str) -> None:
-    (tmp_path / "bad.urdf").write_text("<robot><link name='a'/><link name='b'/></robot>")
+    (tmp_path / "bad.urdf").write_text(
+        "<robot><link name='a'/><link name='b'/></robot>"
+    )
     (tmp_path / "bad.yaml").write_text("echelon: 1\nbodys: []\n")
     before = sorted(tmp_path.iterdir())
-    done = run(*BAD[case], *([] if "-o" in BAD[case] or BAD[case][0] == "verify" else ["-o", "out.txt"]), cwd=tmp_path)
+    done = run(
+        *BAD[case],
+        *([] if "-o" in BAD[case] or BAD[case][0] == "verify" else ["-o", "out.txt"]),
+        cwd=tmp_path,
+    )
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.startswith("echelon: ")
@@ -109,12 +138,20 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path, case: str) -> Non
 
 IGNORED = [
     ("derive", PANDA, "--rank-only", *others)
-    for others in (("--prefer", "M7"), ("--order", "tip-to-base"), ("--format", "latex"), ("--format", "markdown"))
+    for others in (
+        ("--prefer", "M7"),
+        ("--order", "tip-to-base"),
+        ("--format", "latex"),
+        ("--format", "markdown"),
+    )
 ]
 """Options that would have no effect are refused."""
 
 
-@pytest.mark.parametrize("arguments", [("derive",), ("derive", PANDA, "--nonsense"), ("frobnicate",), (), *IGNORED])
+@pytest.mark.parametrize(
+    "arguments",
+    [("derive",), ("derive", PANDA, "--nonsense"), ("frobnicate",), (), *IGNORED],
+)
 def test_usage_errors(arguments: tuple[str, ...]) -> None:
     done = run(*arguments)
     assert done.returncode == 2
@@ -146,8 +183,14 @@ def test_our_own_mistakes_are_no_verdict() -> None:
 
 def test_interruption() -> None:
     stop = "import echelon.results.saved as s\ndef stop(_): raise KeyboardInterrupt\ns.load_set = stop"
-    done = run_alone("verify", "set.json", code=f"{stop}\nfrom echelon.cli import main\nmain()")
-    assert (done.returncode, done.stdout, "Traceback" in done.stderr) == (130, "", False)
+    done = run_alone(
+        "verify", "set.json", code=f"{stop}\nfrom echelon.cli import main\nmain()"
+    )
+    assert (done.returncode, done.stdout, "Traceback" in done.stderr) == (
+        130,
+        "",
+        False,
+    )
 
 
 def test_a_full_disk_is_one_line() -> None:
@@ -160,9 +203,14 @@ def test_a_full_disk_is_one_line() -> None:
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
-@pytest.mark.parametrize("encoding", slow_unless(["ascii"], ["cp1252", "ascii", "utf-8"]))
+@pytest.mark.parametrize(
+    "encoding", slow_unless(["ascii"], ["cp1252", "ascii", "utf-8"])
+)
 def test_pipes_get_utf8_on_every_system(encoding: str) -> None:
-    assert "1  ZZ1 + l1²·M2" in run_alone("derive", PENDULUM, PYTHONIOENCODING=encoding).stdout
+    assert (
+        "1  ZZ1 + l1²·M2"
+        in run_alone("derive", PENDULUM, PYTHONIOENCODING=encoding).stdout
+    )
 
 
 def test_a_reader_may_leave_early() -> None:
@@ -178,15 +226,26 @@ def test_failure_leaves_an_existing_file_alone(tmp_path: Path) -> None:
     assert (tmp_path / "out.txt").read_text() == "precious"
     (tmp_path / "folder").mkdir()
     assert run("derive", PENDULUM, "-o", "folder", cwd=tmp_path).returncode == 2
-    assert sorted(f.name for f in tmp_path.iterdir()) == ["bad.yaml", "folder", "out.txt"]
+    assert sorted(f.name for f in tmp_path.iterdir()) == [
+        "bad.yaml",
+        "folder",
+        "out.txt",
+    ]
 
 
 def test_errors_stay_one_line_whatever_the_names() -> None:
     done = run("derive", PENDULUM, "--prefer", "M\n\x1b[31m9")
-    assert (done.returncode, done.stderr.count("\n"), "\x1b" in done.stderr) == (2, 1, False)
+    assert (done.returncode, done.stderr.count("\n"), "\x1b" in done.stderr) == (
+        2,
+        1,
+        False,
+    )
 
 
-@pytest.mark.parametrize("command", ["derive", "verify", "schema", "identify", "predict", "excite", "check-trajectory"])
+@pytest.mark.parametrize(
+    "command",
+    ["derive", "verify", "schema", "identify", "predict", "excite", "check-trajectory"],
+)
 def test_help_has_an_example(command: str) -> None:
     assert command in run("--help").stdout
     done = run(command, "--help")
@@ -194,9 +253,13 @@ def test_help_has_an_example(command: str) -> None:
     assert f"Example: echelon {command}" in " ".join(done.stdout.split())
 
 
-@pytest.mark.parametrize("which", ["description", "base-model", "identified", "trajectory"])
+@pytest.mark.parametrize(
+    "which", ["description", "base-model", "identified", "trajectory"]
+)
 def test_schemas(which: str) -> None:
-    jsonschema.Draft202012Validator.check_schema(json.loads(run("schema", which).stdout))
+    jsonschema.Draft202012Validator.check_schema(
+        json.loads(run("schema", which).stdout)
+    )
 
 
 def test_version() -> None:
@@ -217,4 +280,12 @@ def test_help_loads_next_to_nothing() -> None:
 
 
 def test_import_is_light() -> None:
-    assert not loaded("import echelon") & {"sympy", "pydantic", "rich", "typer", "mujoco", "yaml", "scipy"}
+    assert not loaded("import echelon") & {
+        "sympy",
+        "pydantic",
+        "rich",
+        "typer",
+        "mujoco",
+        "yaml",
+        "scipy",
+    }

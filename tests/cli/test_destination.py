@@ -33,7 +33,10 @@ def test_a_command_may_run_twice_but_edited_files_stay(folder: Path, name: str) 
         stream.write(b"mine\n")
     refused = call(*COMMANDS[name])
     assert refused.returncode == 2
-    assert f"{edited}: the file is there already, and is not as an earlier command wrote it" in refused.stderr
+    assert (
+        f"{edited}: the file is there already, and is not as an earlier command wrote it"
+        in refused.stderr
+    )
     assert "--force" in refused.stderr
     assert contents(folder) == {**after, edited: after[edited] + b"mine\n"}
 
@@ -63,7 +66,10 @@ def test_a_set_is_refused_for_a_directory_in_its_way(folder: Path) -> None:
     (folder / "identified.urdf").mkdir()
     before = contents(folder)
     done = call(*COMMANDS["identify"], "--force")
-    assert (done.returncode, done.stderr) == (2, "echelon: identified.urdf: is a directory; name a file\n")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "echelon: identified.urdf: is a directory; name a file\n",
+    )
     assert contents(folder) == before
 
 
@@ -72,7 +78,15 @@ READ = {
     "its other name": ("derive", "slide.yaml", "-o", "link.yaml"),
     "log": ("predict", "earlier/model.json", "run.csv", "-o", "run.csv"),
     "claims": ("audit", "slide.yaml", "claims.txt", "-o", "claims.txt"),
-    "prior": ("check-trajectory", "slide.yaml", "motion.csv", "--prior", "slide.yaml", "-o", "slide.yaml"),
+    "prior": (
+        "check-trajectory",
+        "slide.yaml",
+        "motion.csv",
+        "--prior",
+        "slide.yaml",
+        "-o",
+        "slide.yaml",
+    ),
 }
 
 
@@ -85,7 +99,11 @@ def test_inputs_stay(folder: Path, case: str) -> None:
 
 
 OWN_INPUTS = {
-    "claims": (("derive", "slide.yaml", "--json", "-o", "set.json"), ("audit", "slide.yaml", "set.json"), "set.json"),
+    "claims": (
+        ("derive", "slide.yaml", "--json", "-o", "set.json"),
+        ("audit", "slide.yaml", "set.json"),
+        "set.json",
+    ),
     "a file that a file names": (
         ("identify", "slide.yaml", "run.csv", "-o", "."),
         ("derive", "setup.yaml"),
@@ -101,7 +119,10 @@ def test_even_an_output_stays_where_it_is_read(folder: Path, case: str) -> None:
     assert call(*make).returncode == 0
     before = contents(folder)
     done = call(*use, "-o", file)
-    assert (done.returncode, done.stderr.split("; ")[0]) == (2, f"echelon: {file}: this command reads the file")
+    assert (done.returncode, done.stderr.split("; ")[0]) == (
+        2,
+        f"echelon: {file}: this command reads the file",
+    )
     assert contents(folder) == before
     assert call(*use, "-o", file, "--force").returncode == 0
     assert contents(folder)[file] != before[file]
@@ -118,11 +139,15 @@ def test_what_is_empty_or_moved_or_copied(folder: Path) -> None:
 
 def test_options_may_change_between_runs(folder: Path) -> None:
     for form in ("text", "json", "latex", "text"):
-        assert call("derive", "slide.yaml", "--format", form, "-o", "set").returncode == 0
+        assert (
+            call("derive", "slide.yaml", "--format", form, "-o", "set").returncode == 0
+        )
     assert (folder / "set").read_text().startswith("slide: 2 base parameters")
 
 
-def test_without_a_place_for_digests_files_are_written_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_place_for_digests_files_are_written_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ECHELON_STATE", str(folder / "slide.yaml"))
     done = call(*COMMANDS["derive"])
     assert done.returncode == 0
@@ -131,7 +156,9 @@ def test_without_a_place_for_digests_files_are_written_once(folder: Path, monkey
     assert call(*COMMANDS["derive"], "--force").returncode == 0
 
 
-def test_digests_are_private_and_few(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_digests_are_private_and_few(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(destination, "_MOST_PATHS", 3)
     for k in range(5):
         for content in (b"one", b"two"):

@@ -39,7 +39,10 @@ excitation:
   frames: [{body: j2, point: [0.3, 0, 0], box: {x: [-0.55, none]}}]
 """
 FORMATS = ("csv", "parquet", "yaml")
-LARGE = ("--criterion", "d_optimal")  # motions that are as large as their limits let them be
+LARGE = (
+    "--criterion",
+    "d_optimal",
+)  # motions that are as large as their limits let them be
 
 
 def setup_file(folder: Path, speed: float = 3.0) -> Path:
@@ -51,7 +54,11 @@ def setup_file(folder: Path, speed: float = 3.0) -> Path:
 def call(*arguments: object) -> subprocess.CompletedProcess[str]:
     """The command in this process, which saves the time that imports take."""
     out, err, code = io.StringIO(), io.StringIO(), 0
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(out),
+        redirect_stderr(err),
+    ):
         patch.setattr(sys, "argv", ["echelon", *map(str, arguments)])
         try:
             main()
@@ -69,7 +76,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     folder = tmp_path_factory.mktemp("excite")
     file = setup_file(folder)
     formats = [word for name in FORMATS for word in ("--format", name)]
-    done = run("excite", str(file), "-o", str(folder / "out"), *formats, "--rate", "500", "--json", *LARGE)
+    done = run(
+        "excite",
+        str(file),
+        "-o",
+        str(folder / "out"),
+        *formats,
+        "--rate",
+        "500",
+        "--json",
+        *LARGE,
+    )
     assert done.returncode == 0, done.stderr
     return file, folder / "out", done
 
@@ -85,7 +102,11 @@ def judged(*arguments: object) -> tuple[int, dict[str, Any]]:
 
 def test_all_files_are_written_and_said(made: Made) -> None:
     _, out, done = made
-    names = {"trajectory.json", "preview.html", *(f"trajectory.{name}" for name in FORMATS)}
+    names = {
+        "trajectory.json",
+        "preview.html",
+        *(f"trajectory.{name}" for name in FORMATS),
+    }
     assert {path.name for path in out.iterdir()} == names
     document = json.loads(done.stdout)
     assert {Path(path).name for path in document["files"]} == names
@@ -111,17 +132,23 @@ def test_samples_are_the_formula_of_the_file_and_keep_all_limits(made: Made) -> 
     assert len(table) == 2501
     t = table[:, 0]
     np.testing.assert_allclose(t, np.arange(2501) / 500, atol=1e-12)
-    for order, (prefix, limit) in enumerate(zip(("q", "qd", "qdd"), (2, 3, 20), strict=True)):
+    for order, (prefix, limit) in enumerate(
+        zip(("q", "qd", "qdd"), (2, 3, 20), strict=True)
+    ):
         values = table[:, [header.index(f"{prefix}_{name}") for name in ("j1", "j2")]]
         assert np.abs(values).max() <= limit
-        np.testing.assert_allclose(values, evaluated(document["motion"], ["j1", "j2"], t, order), atol=1e-9)
+        np.testing.assert_allclose(
+            values, evaluated(document["motion"], ["j1", "j2"], t, order), atol=1e-9
+        )
 
 
 def test_torques_and_points_by_hand_keep_their_limits_and_use_one(made: Made) -> None:
     """Two links in a plane, Lagrange's equations with numbers, at 10 kHz."""
     document = json.loads((made[1] / "trajectory.json").read_text())
     t = np.linspace(0, 5, 50_001)
-    (q1, q2), (v1, v2), (a1, a2) = (evaluated(document["motion"], ["j1", "j2"], t, order).T for order in range(3))
+    (q1, q2), (v1, v2), (a1, a2) = (
+        evaluated(document["motion"], ["j1", "j2"], t, order).T for order in range(3)
+    )
     m1, m2, l1, c, g = 2.0, 1.0, 0.3, 0.15, 9.81
     I1, I2 = 0.02 + m1 * c**2, 0.01 + m2 * c**2
     h = m2 * l1 * c
@@ -144,13 +171,23 @@ def test_text_for_people(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert "\x1b" not in done.stdout
     lines = done.stdout.splitlines()
-    assert lines[0] == "two links: 2 coordinates move for 5 s and show 6 base parameters"
+    assert (
+        lines[0] == "two links: 2 coordinates move for 5 s and show 6 base parameters"
+    )
     assert "limits are kept at every time" in done.stdout
-    assert re.search(r"^smallest condition number; condition number [\d.]+; log det", done.stdout, re.M)
-    figures = r"^scaled condition number [\d.]+, worst standard deviation [\d.]+ \S+ \(\w+\)$"
+    assert re.search(
+        r"^smallest condition number; condition number [\d.]+; log det",
+        done.stdout,
+        re.M,
+    )
+    figures = (
+        r"^scaled condition number [\d.]+, worst standard deviation [\d.]+ \S+ \(\w+\)$"
+    )
     assert re.search(figures, done.stdout, re.M)
     assert "best of 24 random motions: scaled condition number" in done.stdout
-    assert [path.name for path in tmp_path.iterdir()] == ["arm3.yaml"]  # without -o nothing is written
+    assert [path.name for path in tmp_path.iterdir()] == [
+        "arm3.yaml"
+    ]  # without -o nothing is written
 
 
 def test_options_replace_the_section(tmp_path: Path) -> None:
@@ -164,39 +201,77 @@ def test_options_replace_the_section(tmp_path: Path) -> None:
     assert document["held"] == {"j1": 0.0}
     assert document["criterion"] == "condition"
     motion = document["motion"]
-    assert (motion["family"], motion["knots"][-1], len(set(motion["knots"]))) == ("splines", 4.0, 7)
+    assert (motion["family"], motion["knots"][-1], len(set(motion["knots"]))) == (
+        "splines",
+        4.0,
+        7,
+    )
     assert document["settings"]["seed"] == 3
 
 
 # -- trajectories that are read again ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["trajectory.json", *(f"trajectory.{kind}" for kind in FORMATS)])
-def test_every_written_format_is_judged_safe_with_the_same_condition(made: Made, name: str) -> None:
+@pytest.mark.parametrize(
+    "name", ["trajectory.json", *(f"trajectory.{kind}" for kind in FORMATS)]
+)
+def test_every_written_format_is_judged_safe_with_the_same_condition(
+    made: Made, name: str
+) -> None:
     file, out, done = made
     code, found = judged(file, out / name)
     assert code == 0
     assert found["safe"] is True
     expected = json.loads(done.stdout)["condition_numbers"]
-    assert found["condition_numbers"]["plain"] == pytest.approx(expected["plain"], rel=1e-5)
-    assert found["condition_numbers"]["scaled"] == pytest.approx(expected["scaled"], rel=1e-5)
+    assert found["condition_numbers"]["plain"] == pytest.approx(
+        expected["plain"], rel=1e-5
+    )
+    assert found["condition_numbers"]["scaled"] == pytest.approx(
+        expected["scaled"], rel=1e-5
+    )
     assert found["starts"] == []
 
 
 def test_broken_limits_are_named_with_exit_code_1(made: Made, tmp_path: Path) -> None:
     tight = setup_file(tmp_path, 2.0)
-    done = call("check-trajectory", str(tight), str(made[1] / "trajectory.csv"), "-o", str(tmp_path / "page.html"))
+    done = call(
+        "check-trajectory",
+        str(tight),
+        str(made[1] / "trajectory.csv"),
+        "-o",
+        str(tmp_path / "page.html"),
+    )
     assert (done.returncode, done.stderr) == (1, "")
     assert "broken limits: velocity of j1, velocity of j2" in done.stdout
-    assert (tmp_path / "page.html").read_text().lstrip().lower().startswith("<!doctype html>")
+    assert (
+        (tmp_path / "page.html")
+        .read_text()
+        .lstrip()
+        .lower()
+        .startswith("<!doctype html>")
+    )
     code, found = judged(tight, made[1] / "trajectory.csv")
     assert code == 1
-    assert [m["label"] for m in found["margins"] if not m["kept"]] == ["velocity of j1", "velocity of j2"]
+    assert [m["label"] for m in found["margins"] if not m["kept"]] == [
+        "velocity of j1",
+        "velocity of j2",
+    ]
 
 
 def test_repeats_of_a_periodic_motion(made: Made, tmp_path: Path) -> None:
     file, *_ = made
-    done = call("excite", str(file), "-o", str(tmp_path), "--iterations", "20", "--rate", "100", "--repeats", "2")
+    done = call(
+        "excite",
+        str(file),
+        "-o",
+        str(tmp_path),
+        "--iterations",
+        "20",
+        "--rate",
+        "100",
+        "--repeats",
+        "2",
+    )
     assert done.returncode == 0, done.stderr
     table = np.genfromtxt(tmp_path / "trajectory.csv", delimiter=",", skip_header=1)
     assert len(table) == 1001
@@ -213,14 +288,25 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
     file.write_text(text, encoding="utf-8")
     t = np.arange(2000) / 200
     q1 = 0.8 * np.sin(2 * np.pi * 0.5 * t) + 0.3 * np.sin(2 * np.pi * 0.9 * t)
-    a1 = -0.8 * np.pi**2 * np.sin(np.pi * t) - 0.3 * (1.8 * np.pi) ** 2 * np.sin(1.8 * np.pi * t)
+    a1 = -0.8 * np.pi**2 * np.sin(np.pi * t) - 0.3 * (1.8 * np.pi) ** 2 * np.sin(
+        1.8 * np.pi * t
+    )
     weight = 9.81 * np.cos(q1)
     tau2 = (0.01 + 0.15**2) * a1 + 0.15 * weight + 0.3 * 0.15 * a1
     tau1 = tau2 + (0.02 + 2 * 0.15**2 + 0.09 + 0.045) * a1 + 0.6 * weight
     rows = np.stack([t, q1, np.zeros_like(t), tau1, tau2], axis=1)
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
+    np.savetxt(
+        tmp_path / "log.csv",
+        rows,
+        delimiter=",",
+        header="t,q1,q2,tau1,tau2",
+        comments="",
+    )
     arguments = "excite", str(file), "--iterations", "20", "--json"
-    plain, done = call(*arguments), call(*arguments, "--prior-log", str(tmp_path / "log.csv"))
+    plain, done = (
+        call(*arguments),
+        call(*arguments, "--prior-log", str(tmp_path / "log.csv")),
+    )
     assert done.returncode == 0, done.stderr
     assert (plain.returncode, done.stderr) == (0, "")
     first, second = json.loads(plain.stdout), json.loads(done.stdout)
@@ -239,9 +325,14 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
 
 def test_choices_are_those_of_the_section() -> None:
     """They are stated once more for the command line, so that ``--help`` is instant."""
-    for ours, name in ((excite_commands.Optimality, "criterion"), (excite_commands.Family, "family")):
+    for ours, name in (
+        (excite_commands.Optimality, "criterion"),
+        (excite_commands.Family, "family"),
+    ):
         assert ours == ExcitationEntry.model_fields[name].annotation
-    assert {f".{name}" for name in excite_commands.SampleFormat} == {*SUFFIXES} - {".json"}
+    assert {f".{name}" for name in excite_commands.SampleFormat} == {*SUFFIXES} - {
+        ".json"
+    }
 
 
 def refused(*arguments: object) -> str:
@@ -257,7 +348,14 @@ def test_wrong_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
     file = setup_file(tmp_path)
     out = tmp_path / "out"
     cases = {
-        ("--family", "bspline", "--repeats", "2", "--iterations", "20"): "not periodic cannot be run 2 times",
+        (
+            "--family",
+            "bspline",
+            "--repeats",
+            "2",
+            "--iterations",
+            "20",
+        ): "not periodic cannot be run 2 times",
         ("--move", "j3"): "there is no coordinate 'j3'",
         ("--rate", "0", "--iterations", "20"): "not a sampling rate",
         ("--duration", "-1"): "excitation.duration",
@@ -268,7 +366,11 @@ def test_wrong_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
         assert message in text
         assert len(text.strip().splitlines()) == 1
         assert not out.exists()
-    for option, value in {"--criterion": "best", "--format": "cvs", "--family": "sines"}.items():
+    for option, value in {
+        "--criterion": "best",
+        "--format": "cvs",
+        "--family": "sines",
+    }.items():
         assert option in refused("excite", file, "-o", out, option, value)
         assert not out.exists()
 
@@ -285,7 +387,9 @@ def test_an_output_directory_that_is_a_file_is_refused(tmp_path: Path) -> None:
 def test_a_gain_of_the_drives_does_not_enter_the_design(tmp_path: Path) -> None:
     """Which gain is meant, is not for the base parameters: a trajectory cannot be judged by an unknown factor."""
     file = setup_file(tmp_path)
-    file.write_text(file.read_text() + "effects: [{type: drive_gain, at: all}]\n", encoding="utf-8")
+    file.write_text(
+        file.read_text() + "effects: [{type: drive_gain, at: all}]\n", encoding="utf-8"
+    )
     done = call("excite", str(file), "--iterations", "20", "--json")
     assert done.returncode in (0, 2)
     assert "Traceback" not in done.stderr
@@ -296,7 +400,9 @@ def test_a_gain_of_the_drives_does_not_enter_the_design(tmp_path: Path) -> None:
 def test_files_that_are_no_trajectory_are_refused(made: Made, tmp_path: Path) -> None:
     file, out, _ = made
     (tmp_path / "t.txt").write_text("0")
-    assert "names no kind of trajectory; valid are .json" in refused("check-trajectory", file, tmp_path / "t.txt")
+    assert "names no kind of trajectory; valid are .json" in refused(
+        "check-trajectory", file, tmp_path / "t.txt"
+    )
     assert "gone.csv" in refused("check-trajectory", file, tmp_path / "gone.csv")
     text = refused("check-trajectory", EXAMPLES / "panda.yaml", out / "trajectory.json")
     assert "the coordinate 'j3' is missing; there are 'j1', 'j2'" in text
@@ -319,7 +425,9 @@ def test_help_has_an_example(command: str) -> None:
 @pytest.mark.slow
 def test_the_example_from_end_to_end(tmp_path: Path) -> None:
     file = EXAMPLES / "excite/ur10.yaml"
-    done = run("excite", str(file), "-o", str(tmp_path / "out"), "--starts", "1", "--json")
+    done = run(
+        "excite", str(file), "-o", str(tmp_path / "out"), "--starts", "1", "--json"
+    )
     assert (done.returncode, done.stderr) == (0, "")
     document = json.loads(done.stdout)
     assert document["safe"] is True
@@ -329,14 +437,19 @@ def test_the_example_from_end_to_end(tmp_path: Path) -> None:
     code, found = judged(file, tmp_path / "out/trajectory.csv")
     assert code == 0
     # dry friction at both ends has the sign of what rounding leaves of a speed of zero
-    assert found["condition_numbers"]["plain"] == pytest.approx(document["condition_numbers"]["plain"], rel=0.02)
+    assert found["condition_numbers"]["plain"] == pytest.approx(
+        document["condition_numbers"]["plain"], rel=0.02
+    )
 
 
 @pytest.mark.slow
 def test_the_library_says_the_same_as_the_command(made: Made) -> None:
     file, _, done = made
     found = ec.exciting_trajectory(ec.load_setup(file))
-    assert found.conditioning.condition == json.loads(done.stdout)["condition_numbers"]["plain"]
+    assert (
+        found.conditioning.condition
+        == json.loads(done.stdout)["condition_numbers"]["plain"]
+    )
 
 
 def test_limits_that_nothing_can_reach(tmp_path: Path) -> None:

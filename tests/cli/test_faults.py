@@ -22,7 +22,9 @@ from support.paths import ROOT
 from support.selection import slow_unless
 from support.writing_commands import COMMANDS, OUTPUTS, Contents, contents, workplace
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes and terminals of Linux")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="processes and terminals of Linux"
+)
 MAIN = "from echelon.cli import main; main()"
 ANNOUNCED = f"""
 import os
@@ -33,12 +35,25 @@ process.prepare = lambda: (os.write(2, b'*'), prepare())
 """Says when signals find an answer, inside of ``main``: before, Python itself starts."""
 
 
-def start(folder: Path, *arguments: str, code: str = MAIN, **options: object) -> subprocess.Popen[bytes]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "ECHELON_STATE": str(folder.parent / "state")}
+def start(
+    folder: Path, *arguments: str, code: str = MAIN, **options: object
+) -> subprocess.Popen[bytes]:
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT / "src"),
+        "ECHELON_STATE": str(folder.parent / "state"),
+    }
     environment |= options.pop("environment", {})  # type: ignore[operator]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL, "cwd": folder}
+    pipes = {
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "stdin": subprocess.DEVNULL,
+        "cwd": folder,
+    }
     ways = {**pipes, "preexec_fn": heed_signals, **options}
-    return subprocess.Popen([sys.executable, "-c", code, *arguments], env=environment, **ways)  # type: ignore[call-overload, no-any-return]
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *arguments], env=environment, **ways
+    )  # type: ignore[call-overload, no-any-return]
 
 
 def heed_signals() -> None:
@@ -60,7 +75,9 @@ def folder(tmp_path: Path) -> Path:
 # -- signals -----------------------------------------------------------------------------------------------------------
 
 
-def stopped(folder: Path, arguments: tuple[str, ...], number: int, seconds: float) -> tuple[int, str]:
+def stopped(
+    folder: Path, arguments: tuple[str, ...], number: int, seconds: float
+) -> tuple[int, str]:
     """Exit code, and what was said, of a command that gets a signal so long after its start."""
     process = start(folder, *arguments, code=ANNOUNCED)
     assert process.stderr is not None
@@ -96,9 +113,14 @@ def check_moments(name: str, folder: Path, moments: int) -> None:
         code, err = stopped(folder, arguments, number, draw.uniform(0, whole))
         assert (code in (0, 128 + number, -number), err) == (True, "")
         assert_whole(name, folder, before)
-        if code in (0, -number):  # the latter at the very end, when Python has let go of signals
+        if code in (
+            0,
+            -number,
+        ):  # the latter at the very end, when Python has let go of signals
             assert contents(folder).keys() >= OUTPUTS[name]
-    assert ended(start(folder, *arguments))[0] == 0  # what is left counts as the command's own
+    assert (
+        ended(start(folder, *arguments))[0] == 0
+    )  # what is left counts as the command's own
 
 
 @pytest.mark.parametrize("name", slow_unless(["derive"], ["derive", "generate"]))
@@ -115,7 +137,10 @@ def test_signals_at_many_moments(folder: Path, name: str) -> None:
 def test_an_interruption_during_the_first_imports_is_silent(folder: Path) -> None:
     for milliseconds in (0, 5, 20, 60):
         code, err = stopped(folder, ("--help",), signal.SIGINT, milliseconds / 1000)
-        assert (code in (130, 0, -signal.SIGINT), err) == (True, "")  # the last at the very end, as above
+        assert (code in (130, 0, -signal.SIGINT), err) == (
+            True,
+            "",
+        )  # the last at the very end, as above
 
 
 def test_ignored_signals_stay_ignored(folder: Path) -> None:
@@ -134,11 +159,22 @@ def small_disk() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (20, 20))
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n == "derive" else pytest.mark.slow) for n in COMMANDS])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=() if n == "derive" else pytest.mark.slow)
+        for n in COMMANDS
+    ],
+)
 def test_a_full_disk_leaves_everything_as_it_was(folder: Path, name: str) -> None:
     before = contents(folder)
     # no cache of compiled code: that it cannot be written is only worth a warning
-    process = start(folder, *COMMANDS[name], preexec_fn=small_disk, environment={"ECHELON_CACHE": ""})
+    process = start(
+        folder,
+        *COMMANDS[name],
+        preexec_fn=small_disk,
+        environment={"ECHELON_CACHE": ""},
+    )
     code, out, err = ended(process)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.endswith(": cannot be written: File too large\n")
@@ -148,7 +184,10 @@ def test_a_full_disk_leaves_everything_as_it_was(folder: Path, name: str) -> Non
 # -- pipes and terminals -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("arguments", [("--help",), ("derive", "--help"), ("--version",), ("schema", "description")])
+@pytest.mark.parametrize(
+    "arguments",
+    [("--help",), ("derive", "--help"), ("--version",), ("schema", "description")],
+)
 def test_readers_may_leave(folder: Path, arguments: tuple[str, ...]) -> None:
     leave = "import os; r, w = os.pipe(); os.close(r); os.dup2(w, 1); "
     assert ended(start(folder, *arguments, code=leave + MAIN)) == (0, "", "")
@@ -175,7 +214,9 @@ CLOSED = {
 def test_closed_streams(folder: Path, case: str) -> None:
     numbers, arguments, expected = CLOSED[case]
     exec_ = f"import os, sys; [os.close(n) for n in {numbers}]; os.execv(sys.executable, sys.argv[1:])"
-    code, _, err = ended(start(folder, sys.executable, "-c", MAIN, *arguments, code=exec_))
+    code, _, err = ended(
+        start(folder, sys.executable, "-c", MAIN, *arguments, code=exec_)
+    )
     assert (code, err) == (expected, "")
     if "-o" in arguments:
         assert (folder / "set.txt").read_text().startswith("slide: 2 base parameters")
@@ -188,7 +229,12 @@ def test_standard_output_by_its_name(folder: Path) -> None:
     with (folder / "log").open("w") as log:
         log.write("earlier\n")
         log.flush()
-        assert ended(start(folder, "derive", "slide.yaml", "-o", "/dev/stdout", stdout=log))[0] == 0
+        assert (
+            ended(
+                start(folder, "derive", "slide.yaml", "-o", "/dev/stdout", stdout=log)
+            )[0]
+            == 0
+        )
     assert (folder / "log").read_text().startswith("earlier\nslide: 2 base parameters")
 
 
@@ -196,7 +242,16 @@ def test_standard_output_by_its_name(folder: Path) -> None:
 def test_a_terminal_that_goes_away(folder: Path) -> None:
     controller, terminal = pty.openpty()
     before = contents(folder)
-    process = start(folder, "identify", "slide.yaml", "run.csv", "-o", ".", stdout=terminal, stderr=terminal)
+    process = start(
+        folder,
+        "identify",
+        "slide.yaml",
+        "run.csv",
+        "-o",
+        ".",
+        stdout=terminal,
+        stderr=terminal,
+    )
     os.close(terminal)
     os.close(controller)
     process.wait(timeout=120)
@@ -226,12 +281,22 @@ PLAIN = {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "
 @pytest.mark.slow
 def test_plain_locales(folder: Path) -> None:
     (folder / "größe.yaml").write_bytes(
-        (folder / "slide.yaml").read_bytes().replace(b"name: slide\n", "name: größe\n".encode())
+        (folder / "slide.yaml")
+        .read_bytes()
+        .replace(b"name: slide\n", "name: größe\n".encode())
     )
-    code, out, err = ended(start(folder, "derive", "größe.yaml", "-o", "größe.txt", environment=PLAIN))
+    code, out, err = ended(
+        start(folder, "derive", "größe.yaml", "-o", "größe.txt", environment=PLAIN)
+    )
     assert (code, out, err) == (0, "", "")
-    assert (folder / "größe.txt").read_text(encoding="utf-8").startswith("größe: 2 base parameters")
-    code, out, err = ended(start(folder, "derive", "größe.yaml", "--json", environment=PLAIN))
+    assert (
+        (folder / "größe.txt")
+        .read_text(encoding="utf-8")
+        .startswith("größe: 2 base parameters")
+    )
+    code, out, err = ended(
+        start(folder, "derive", "größe.yaml", "--json", environment=PLAIN)
+    )
     assert json.loads(out)["name"] == "größe"
 
 
@@ -241,19 +306,30 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize(("encoding", "file"), [(e, f) for e, files in TEXTS.items() for f in files])
-def test_marks_of_other_encodings(folder: Path, encoding: str, file: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("encoding", "file"), [(e, f) for e, files in TEXTS.items() for f in files]
+)
+def test_marks_of_other_encodings(
+    folder: Path, encoding: str, file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Read as what it is, or refused in one line that names the file; never half."""
     from support.writing_commands import call
 
-    name = {"slide.yaml": "derive", "motion.csv": "check-trajectory", "run.csv": "predict", "claims.txt": "audit"}[file]
+    name = {
+        "slide.yaml": "derive",
+        "motion.csv": "check-trajectory",
+        "run.csv": "predict",
+        "claims.txt": "audit",
+    }[file]
     monkeypatch.chdir(folder)
     assert call(*COMMANDS[name]).returncode == 0
     expected = {output: (folder / output).read_bytes() for output in OUTPUTS[name]}
     (folder / file).write_text((folder / file).read_text(), encoding=encoding)
     done = call(*COMMANDS[name])
     if done.returncode == 0:
-        assert {output: (folder / output).read_bytes() for output in OUTPUTS[name]} == expected
+        assert {
+            output: (folder / output).read_bytes() for output in OUTPUTS[name]
+        } == expected
     else:
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert file in done.stderr

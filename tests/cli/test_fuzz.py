@@ -22,9 +22,13 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Material:
     return prepared(tmp_path_factory.mktemp("fuzz"))
 
 
-@pytest.mark.parametrize("number", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 5))])
+@pytest.mark.parametrize(
+    "number", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 5))]
+)
 @pytest.mark.parametrize("kind", FORMATS)
-def test_mutated_files_end_in_an_answer_or_an_error(kind: str, number: int, material: Material) -> None:
+def test_mutated_files_end_in_an_answer_or_an_error(
+    kind: str, number: int, material: Material
+) -> None:
     fault = run_case(material, kind, number, SEED)
     assert fault is None, str(fault)
 
@@ -63,4 +67,7 @@ def test_faults_are_noticed(act: object, fault: str, tmp_path: Path) -> None:
 def test_memory_and_tracebacks_are_noticed() -> None:
     assert Outcome(0, 1.0, MEMORY, "fine").fault == ""
     assert Outcome(0, 1.0, MEMORY + 1, "fine").fault == "1024 MB"
-    assert Outcome(2, 1.0, 0, "Traceback (most recent call last):\n").fault == "a traceback"
+    assert (
+        Outcome(2, 1.0, 0, "Traceback (most recent call last):\n").fault
+        == "a traceback"
+    )

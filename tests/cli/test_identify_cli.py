@@ -31,12 +31,20 @@ def flipped(log: Path) -> Path:
     """The log with the sign of its first output changed."""
     table = pq.read_table(log)
     values = -table["tau0"].to_numpy()
-    pq.write_table(table.set_column(table.column_names.index("tau0"), "tau0", [values]), log)
+    pq.write_table(
+        table.set_column(table.column_names.index("tau0"), "tau0", [values]), log
+    )
     return log
 
 
 def test_a_good_model_passes_the_gate(setup: Path) -> None:
-    done = run("identify", str(setup), str(setup.with_name("run0.parquet")), "--no-physical", "--check")
+    done = run(
+        "identify",
+        str(setup),
+        str(setup.with_name("run0.parquet")),
+        "--no-physical",
+        "--check",
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert "The model predicts every output well" in " ".join(done.stdout.split())
 
@@ -45,14 +53,18 @@ def test_the_gate_gives_its_reasons(setup: Path) -> None:
     log = flipped(setup.with_name("run0.parquet"))
     done = run("identify", str(setup), str(log), "--no-physical", "--check")
     assert done.returncode == 1
-    assert done.stderr.startswith("echelon: the model should not be used: on data that the fit did not see")
+    assert done.stderr.startswith(
+        "echelon: the model should not be used: on data that the fit did not see"
+    )
     assert run("identify", str(setup), str(log), "--no-physical").returncode == 0
 
 
 def test_identify_and_predict_agree(setup: Path) -> None:
     """Of a log that the fit did not see both give the same scores, and predict every row at its own rate."""
     fitted, unseen = (setup.with_name(f"run{k}.parquet") for k in range(2))
-    result = ec.identify(ec.load_setup(setup).with_settings(physical=False), [fitted], [unseen])
+    result = ec.identify(
+        ec.load_setup(setup).with_settings(physical=False), [fitted], [unseen]
+    )
     ec.save_identification(result, setup.with_name("model.json"))
     model = ec.load_identified(setup.with_name("model.json"))
     found = ec.predict_log(model.plan, model.values, unseen)
@@ -64,7 +76,9 @@ def test_identify_and_predict_agree(setup: Path) -> None:
     np.testing.assert_array_equal(found.time, pq.read_table(unseen)["t"].to_numpy())
     assert np.isfinite(found.predicted).all()
     rest = found.measured - found.predicted
-    assert np.sqrt(np.mean(rest**2, axis=0)) == pytest.approx([s.raw.rms for s in found.scores], rel=0.2)
+    assert np.sqrt(np.mean(rest**2, axis=0)) == pytest.approx(
+        [s.raw.rms for s in found.scores], rel=0.2
+    )
 
 
 def test_check_says_what_logs_show_and_lack(setup: Path) -> None:
@@ -75,7 +89,9 @@ def test_check_says_what_logs_show_and_lack(setup: Path) -> None:
     assert "position: j1 ← 'q0', j2 ← 'q1'" in done.stdout
     assert "the data determine 6 of 6 base parameters" in done.stdout
     table = pq.read_table(log)
-    still = table.set_column(table.column_names.index("q0"), "q0", [np.full(len(table), 0.3)])
+    still = table.set_column(
+        table.column_names.index("q0"), "q0", [np.full(len(table), 0.3)]
+    )
     pq.write_table(still, log)
     record = json.loads(run("check", str(setup), str(log), "--json").stdout)
     assert record["schema"] == "echelon.check/1"

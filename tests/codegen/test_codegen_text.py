@@ -37,7 +37,9 @@ from support.system_tools import tool
 from support.unchecked_names import unchecked_names
 
 GOLDENS = TESTS / "goldens/codegen"
-HOSTILE = '*/ system("x")\n#if 0 \\ ??/ """ \'\'\' %} {{ 1/0 }} ${x} /* =# #= \u202e // \\'
+HOSTILE = (
+    '*/ system("x")\n#if 0 \\ ??/ """ \'\'\' %} {{ 1/0 }} ${x} /* =# #= \u202e // \\'
+)
 
 
 @cache
@@ -48,20 +50,51 @@ def pendulum() -> ec.BaseModel:
 def shown() -> list[Function]:
     """Functions recorded by hand, so that the goldens change with the printers only."""
     program = Program()
-    q, qd, length = program.input("q"), program.input("qd"), program.input("l1", "symbol")
+    q, qd, length = (
+        program.input("q"),
+        program.input("qd"),
+        program.input("l1", "symbol"),
+    )
     friction, mass = program.input("Fc1", "symbol"), program.input("M2", "symbol")
     arguments = (
         Argument("q", (q.node,), ("shoulder",), ("rad",), "joint positions"),
         Argument("qd", (qd.node,), ("shoulder",), ("rad/s",), "joint velocities"),
-        Argument("parameters", (mass.node, friction.node), ("M2", "Fc1"), ("kg", "N·m"), "dynamic parameters", True),
+        Argument(
+            "parameters",
+            (mass.node, friction.node),
+            ("M2", "Fc1"),
+            ("kg", "N·m"),
+            "dynamic parameters",
+            True,
+        ),
         Argument("symbols", (length.node,), ("l1",), ("SI",), "geometry", uniform=True),
     )
     arm = length * q.cos()
-    force = mass * arm * Fraction(981, 100) + friction * qd.sign() + (-arm + 1) * (arm - qd * qd) / 3
+    force = (
+        mass * arm * Fraction(981, 100)
+        + friction * qd.sign()
+        + (-arm + 1) * (arm - qd * qd) / 3
+    )
     entries = {(0, 0): (q + q).sin().node, (1, 1): (-arm).node}
     labels = ("shoulder", "elbow")
-    outputs = Function("outputs", program, arguments, {(0,): force.node}, (labels[:1],), ("N·m",), "measured outputs")
-    matrix = Function("matrix", program, (arguments[0], arguments[3]), entries, (labels, labels), (), "a matrix")
+    outputs = Function(
+        "outputs",
+        program,
+        arguments,
+        {(0,): force.node},
+        (labels[:1],),
+        ("N·m",),
+        "measured outputs",
+    )
+    matrix = Function(
+        "matrix",
+        program,
+        (arguments[0], arguments[3]),
+        entries,
+        (labels, labels),
+        (),
+        "a matrix",
+    )
     return [outputs, matrix]
 
 
@@ -76,7 +109,11 @@ def test_golden(target: str) -> None:
             path.parent.mkdir(exist_ok=True)
             path.write_text(stable, encoding="utf-8", newline="\n")
         golden = path.read_text(encoding="utf-8")
-        difference = "\n".join(unified_diff(golden.splitlines(), stable.splitlines(), "golden", name, lineterm=""))
+        difference = "\n".join(
+            unified_diff(
+                golden.splitlines(), stable.splitlines(), "golden", name, lineterm=""
+            )
+        )
         assert not difference, f"\n{difference}"
 
 
@@ -88,10 +125,23 @@ def hostile() -> ec.BaseModel:
     for k, body in enumerate(robot.bodies):
         motions = tuple(replace(m, name=f"{HOSTILE}{k}") for m in body.joint.motions)
         steps = tuple(
-            next((m for m, old in zip(motions, body.joint.motions, strict=True) if old == step), step)
+            next(
+                (
+                    m
+                    for m, old in zip(motions, body.joint.motions, strict=True)
+                    if old == step
+                ),
+                step,
+            )
             for step in body.joint.steps
         )
-        bodies.append(replace(body, name=f"{HOSTILE}{k}", joint=replace(body.joint, name=HOSTILE, steps=steps)))
+        bodies.append(
+            replace(
+                body,
+                name=f"{HOSTILE}{k}",
+                joint=replace(body.joint, name=HOSTILE, steps=steps),
+            )
+        )
     return ec.base_parameters(replace(robot, name=HOSTILE, bodies=tuple(bodies)))
 
 
@@ -106,48 +156,89 @@ def test_hostile_names_stay_in_comments(target: str, tmp_path: Path) -> None:
         (tmp_path / name).write_text(text, encoding="utf-8")
         assert "\u202e" not in text
         opening = TARGETS[target].comment.strip()
-        assert all(line.lstrip().startswith(opening) for line in text.splitlines() if "system(" in line)
+        assert all(
+            line.lstrip().startswith(opening)
+            for line in text.splitlines()
+            if "system(" in line
+        )
     if target in generated.RUNNERS:
-        call = generated.RUNNERS[target](generated.Build(tmp_path, robot, source.functions, "double"))
-        values = {a.name: np.full(len(a) if a.uniform else (1, len(a)), 0.5) for a in source.functions[0].arguments}
+        call = generated.RUNNERS[target](
+            generated.Build(tmp_path, robot, source.functions, "double")
+        )
+        values = {
+            a.name: np.full(len(a) if a.uniform else (1, len(a)), 0.5)
+            for a in source.functions[0].arguments
+        }
         np.testing.assert_allclose(
-            call(source.functions[0], values), generated.reference(source.functions[0], values), rtol=1e-13
+            call(source.functions[0], values),
+            generated.reference(source.functions[0], values),
+            rtol=1e-13,
         )
 
 
 def test_parameters_become_constants(tmp_path: Path) -> None:
     base = pendulum()
     values = {name: 0.5 + k for k, name in enumerate(base.pivots)}
-    plain, baked = (generate(base, "python", ["inverse_dynamics"], parameters=p) for p in (None, values))
+    plain, baked = (
+        generate(base, "python", ["inverse_dynamics"], parameters=p)
+        for p in (None, values)
+    )
     (plain_function,), (baked_function,) = plain.functions, baked.functions
     assert "parameters" in {a.name for a in plain_function.arguments}
     assert "parameters" not in {a.name for a in baked_function.arguments}
-    state = {name: np.random.default_rng(0).uniform(-2, 2, (5, 2)) for name in ("q", "qd", "qdd")}
-    wanted = generated.reference(plain_function, {**state, "parameters": np.array(list(values.values()))})
+    state = {
+        name: np.random.default_rng(0).uniform(-2, 2, (5, 2))
+        for name in ("q", "qd", "qdd")
+    }
+    wanted = generated.reference(
+        plain_function, {**state, "parameters": np.array(list(values.values()))}
+    )
     (tmp_path / "double_pendulum.py").write_text(baked["double_pendulum.py"])
-    loaded = generated.python(generated.Build(tmp_path, "double_pendulum", baked.functions, "double"))
+    loaded = generated.python(
+        generated.Build(tmp_path, "double_pendulum", baked.functions, "double")
+    )
     np.testing.assert_allclose(loaded(baked_function, state), wanted, rtol=1e-12)
     standard = dict.fromkeys(base.parameters, 1.0)
     files = generate(base, "c", ["inverse_dynamics"], parameters=standard)
-    assert f"= {float(base.values(list(standard.values()))[0])!r}" in files["double_pendulum.h"]
+    assert (
+        f"= {float(base.values(list(standard.values()))[0])!r}"
+        in files["double_pendulum.h"]
+    )
 
 
 def test_no_mass_matrix_where_friction_follows_the_load() -> None:
     """The other functions are written by default, and their head says what is missing; asked for, it is refused."""
-    base = ec.base_parameters(ec.load_setup(ROOT / "examples" / "logs" / "double_pendulum.yaml").mechanism)
+    base = ec.base_parameters(
+        ec.load_setup(ROOT / "examples" / "logs" / "double_pendulum.yaml").mechanism
+    )
     source = generate(base, "c", None)
-    assert [function.name for function in source.functions] == ["regressor", "inverse_dynamics", "gravity"]
-    assert "mass_matrix is left out: effect 'Fl1' is not linear" in source["double_pendulum.h"]
+    assert [function.name for function in source.functions] == [
+        "regressor",
+        "inverse_dynamics",
+        "gravity",
+    ]
+    assert (
+        "mass_matrix is left out: effect 'Fl1' is not linear"
+        in source["double_pendulum.h"]
+    )
     with pytest.raises(ec.InputError, match="effect 'Fl1' is not linear"):
         generate(base, "c", ["mass_matrix"])
 
 
 def test_symbols_without_value_are_an_argument() -> None:
     robot = arms.double_pendulum()
-    unknown = replace(robot, symbols={n: replace(s, value=None, exact=None) for n, s in robot.symbols.items()})
+    unknown = replace(
+        robot,
+        symbols={
+            n: replace(s, value=None, exact=None) for n, s in robot.symbols.items()
+        },
+    )
     base = ec.base_parameters(unknown)
     source = generate(base, "c", ["regressor", "gravity", "mass_matrix"])
-    taken = {f.name: [a.labels for a in f.arguments if a.name == "symbols"] for f in source.functions}
+    taken = {
+        f.name: [a.labels for a in f.arguments if a.name == "symbols"]
+        for f in source.functions
+    }
     symbols = [labels for found in taken.values() for labels in found]
     assert symbols
     assert all(labels == symbols[0] for labels in symbols)
@@ -183,7 +274,11 @@ def test_cuda_compiles(precision: str, tmp_path: Path) -> None:
     source = generate(pendulum(), "cuda", list(FUNCTIONS), precision=precision)
     (tmp_path / "a.cu").write_text(source["double_pendulum.cu"])
     done = subprocess.run(
-        [nvcc, "-ptx", "a.cu", "-o", "a.ptx"], cwd=tmp_path, capture_output=True, text=True, check=False
+        [nvcc, "-ptx", "a.cu", "-o", "a.ptx"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert "double_pendulum_regressor_kernel" in (tmp_path / "a.ptx").read_text()
@@ -194,18 +289,44 @@ def test_cuda_compiles(precision: str, tmp_path: Path) -> None:
 
 
 def test_command(tmp_path: Path) -> None:
-    done = run("generate", "examples/double_pendulum.yaml", "-o", str(tmp_path / "new/out"), cwd=ROOT)
+    done = run(
+        "generate",
+        "examples/double_pendulum.yaml",
+        "-o",
+        str(tmp_path / "new/out"),
+        cwd=ROOT,
+    )
     assert done.returncode == 0, done.stderr
-    assert sorted(p.name for p in (tmp_path / "new/out").iterdir()) == ["double_pendulum.c", "double_pendulum.h"]
-    assert re.search(r"^inverse_dynamics: \d+ additions, \d+ multiplications, ", done.stdout, re.MULTILINE)
+    assert sorted(p.name for p in (tmp_path / "new/out").iterdir()) == [
+        "double_pendulum.c",
+        "double_pendulum.h",
+    ]
+    assert re.search(
+        r"^inverse_dynamics: \d+ additions, \d+ multiplications, ",
+        done.stdout,
+        re.MULTILINE,
+    )
 
 
 def test_command_with_a_saved_set_and_values(tmp_path: Path) -> None:
     saved, values = tmp_path / "saved.json", tmp_path / "values.csv"
     ec.save_base(pendulum(), saved)
-    values.write_text("name,value\n" + "".join(f"{name},{k}.5\n" for k, name in enumerate(pendulum().pivots)))
+    values.write_text(
+        "name,value\n"
+        + "".join(f"{name},{k}.5\n" for k, name in enumerate(pendulum().pivots))
+    )
     target = tmp_path / "mine.py"
-    options = ["--target", "python", "--function", "gravity", "--parameters", str(values), "--name", "arm", "--json"]
+    options = [
+        "--target",
+        "python",
+        "--function",
+        "gravity",
+        "--parameters",
+        str(values),
+        "--name",
+        "arm",
+        "--json",
+    ]
     done = run("generate", str(saved), "-o", str(target), *options)
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
@@ -240,7 +361,13 @@ def test_command_refuses_odd_values(text: str, said: str, tmp_path: Path) -> Non
 
 def test_command_refuses_a_file_for_several(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
-    done = run("generate", "examples/double_pendulum.yaml", "-o", str(tmp_path / "taken"), cwd=ROOT)
+    done = run(
+        "generate",
+        "examples/double_pendulum.yaml",
+        "-o",
+        str(tmp_path / "taken"),
+        cwd=ROOT,
+    )
     assert done.returncode == 2
     assert "is not a directory" in done.stderr
 

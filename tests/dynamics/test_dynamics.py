@@ -31,7 +31,14 @@ from support.float_regressor import FloatArray, random_states
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
 
-NAMES = ("inverse_dynamics", "gravity", "coriolis", "effects", "mass_matrix", "regressor")
+NAMES = (
+    "inverse_dynamics",
+    "gravity",
+    "coriolis",
+    "effects",
+    "mass_matrix",
+    "regressor",
+)
 
 
 def results(
@@ -41,16 +48,23 @@ def results(
     q, qd, qdd = random_states(mechanism, 3, seed)
     zeta = np.random.default_rng(seed).normal(size=len(pivots))
     values = {"q": q, "qd": qd, "qdd": qdd, "parameters": zeta, **inputs}
-    found = {name: evaluate(robot_function(name, mechanism, pivots), mechanism, values) for name in NAMES}
+    found = {
+        name: evaluate(robot_function(name, mechanism, pivots), mechanism, values)
+        for name in NAMES
+    }
     return found, zeta, qdd
 
 
-def check_parts(found: dict[str, FloatArray], zeta: FloatArray, qdd: FloatArray) -> None:
+def check_parts(
+    found: dict[str, FloatArray], zeta: FloatArray, qdd: FloatArray
+) -> None:
     y = found["inverse_dynamics"]
     size = 1 + np.abs(y).max()
     np.testing.assert_allclose(found["regressor"] @ zeta, y, atol=1e-13 * size)
     parts = found["coriolis"] + found["gravity"] + found["effects"]
-    np.testing.assert_allclose(np.einsum("kij,kj->ki", found["mass_matrix"], qdd) + parts, y, atol=1e-13 * size)
+    np.testing.assert_allclose(
+        np.einsum("kij,kj->ki", found["mass_matrix"], qdd) + parts, y, atol=1e-13 * size
+    )
 
 
 @given(mechanisms(), st.integers(0, 2**32))
@@ -59,10 +73,14 @@ def test_parts_of_inverse_dynamics(mechanism: Mechanism, seed: int) -> None:
     found, zeta, qdd = results(mechanism, columns, seed)
     check_parts(found, zeta, qdd)
     mass = found["mass_matrix"]
-    np.testing.assert_allclose(mass, np.swapaxes(mass, 1, 2), atol=1e-12 * (1 + np.abs(mass).max(initial=0)))
+    np.testing.assert_allclose(
+        mass, np.swapaxes(mass, 1, 2), atol=1e-12 * (1 + np.abs(mass).max(initial=0))
+    )
 
 
-@pytest.mark.parametrize("make", [arms.rx90, arms.puma560, arms.panda, arms.floating_pair])
+@pytest.mark.parametrize(
+    "make", [arms.rx90, arms.puma560, arms.panda, arms.floating_pair]
+)
 def test_base_parameters_do_for_standard_parameters(make) -> None:  # type: ignore[no-untyped-def]
     mechanism = make()
     base = ec.base_parameters(mechanism)
@@ -72,9 +90,14 @@ def test_base_parameters_do_for_standard_parameters(make) -> None:  # type: igno
 
 def test_an_unknown_name() -> None:
     assert set(NAMES) <= set(FUNCTIONS)
-    with pytest.raises(InputError, match=r"there is no function 'dynamics' \(valid: inverse_dynamics, gravity"):
+    with pytest.raises(
+        InputError,
+        match=r"there is no function 'dynamics' \(valid: inverse_dynamics, gravity",
+    ):
         robot_function("dynamics", arms.rx90(), [0])
-    with pytest.raises(InputError, match="pivots are different column numbers from 0 to 59"):
+    with pytest.raises(
+        InputError, match="pivots are different column numbers from 0 to 59"
+    ):
         robot_function("gravity", arms.rx90(), [0, 60])
 
 
@@ -93,7 +116,9 @@ def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:
     for motion in mechanism.motions:
         if motion.kind is MotionKind.BALL:
             first = mechanism.positions.index(motion.positions[0])
-            q[:, first : first + 4] /= np.sqrt((q[:, first : first + 4] ** 2).sum(axis=1, keepdims=True))
+            q[:, first : first + 4] /= np.sqrt(
+                (q[:, first : first + 4] ** 2).sum(axis=1, keepdims=True)
+            )
     return q
 
 
@@ -101,19 +126,35 @@ def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:
 @given(mechanisms(most=3), st.integers(0, 2**32))
 def test_derivatives_by_an_imaginary_step(mechanism: Mechanism, seed: int) -> None:
     columns = range(len(mechanism.parameters))
-    state = dict(zip(("q", "qd", "qdd"), random_states(mechanism, 2, seed), strict=True))
+    state = dict(
+        zip(("q", "qd", "qdd"), random_states(mechanism, 2, seed), strict=True)
+    )
     state["parameters"] = np.random.default_rng(seed).normal(size=len(columns))
     function = robot_function("inverse_dynamics", mechanism, columns)
-    found = evaluate(robot_function("inverse_dynamics_derivatives", mechanism, columns), mechanism, state)
+    found = evaluate(
+        robot_function("inverse_dynamics_derivatives", mechanism, columns),
+        mechanism,
+        state,
+    )
     expected, tiny = [], 1e-100j
     for name in ("q", "qd"):
         for k in range(state[name].shape[1]):
             step = np.zeros(state[name].shape[1], dtype=complex)
             step[k] = tiny
-            changed = normalised(mechanism, state["q"] + step) if name == "q" else state["qd"] + step
-            moved = evaluate(function, mechanism, state | {name: changed}, ComplexArithmetic())
+            changed = (
+                normalised(mechanism, state["q"] + step)
+                if name == "q"
+                else state["qd"] + step
+            )
+            moved = evaluate(
+                function, mechanism, state | {name: changed}, ComplexArithmetic()
+            )
             expected.append(moved.imag / tiny.imag)
-    np.testing.assert_allclose(found, np.stack(expected, axis=2), atol=1e-11 * (1 + np.abs(found).max(initial=0)))
+    np.testing.assert_allclose(
+        found,
+        np.stack(expected, axis=2),
+        atol=1e-11 * (1 + np.abs(found).max(initial=0)),
+    )
 
 
 # -- effects, transmissions, sensors -----------------------------------------------------------------------------------
@@ -125,7 +166,9 @@ def described(folder: Path, text: str) -> Mechanism:
 
 
 @pytest.mark.parametrize("sensors", ["", SENSORS], ids=["drives", "sensors"])
-def test_effects_couplings_transmissions_and_sensors(tmp_path: Path, sensors: str) -> None:
+def test_effects_couplings_transmissions_and_sensors(
+    tmp_path: Path, sensors: str
+) -> None:
     mechanism = described(tmp_path, EVERYTHING + sensors)
     current = np.random.default_rng(8).normal(size=(3, 1))
     columns = range(len(mechanism.parameters))
@@ -134,7 +177,10 @@ def test_effects_couplings_transmissions_and_sensors(tmp_path: Path, sensors: st
     function = robot_function("inverse_dynamics", mechanism, columns)
     names = ["q", "qd", "qdd", "inputs", "parameters", "symbols"]
     assert [argument.name for argument in function.arguments] == names
-    assert [argument.labels for argument in function.arguments[3::2]] == [("j1",), ("l", "n")]
+    assert [argument.labels for argument in function.arguments[3::2]] == [
+        ("j1",),
+        ("l", "n"),
+    ]
     assert function.units == tuple(output.unit for output in mechanism.outputs)
 
 
@@ -143,7 +189,9 @@ def test_the_effects_alone(tmp_path: Path) -> None:
     pivots = [mechanism.parameters.index(name) for name in ("Fv1", "Ks2", "K", "Ia4")]
     (q, qd, qdd), zeta = random_states(mechanism, 3), np.array([2.0, 3.0, 5.0, 7.0])
     values = {"q": q, "qd": qd, "qdd": qdd, "parameters": zeta}
-    row = dict(zip((output.name for output in mechanism.outputs), range(4), strict=True))
+    row = dict(
+        zip((output.name for output in mechanism.outputs), range(4), strict=True)
+    )
     expected = np.zeros((3, 4))
     expected[:, row["j1"]] = 2 * qd[:, 0] + 5 * np.abs(qd[:, 0])
     expected[:, row["m2"]] = 5 * np.sin(q[:, 0]) + 3 * q[:, 1] / 50
@@ -153,30 +201,48 @@ def test_the_effects_alone(tmp_path: Path) -> None:
     mass = evaluate(robot_function("mass_matrix", mechanism, pivots), mechanism, values)
     np.testing.assert_allclose(mass[:, row["j4"]], np.tile([0, 0, 0, 7.0], (3, 1)))
     np.testing.assert_allclose(mass[:, row["j1"], 1], 10 * np.cos(q[:, 0]))
-    np.testing.assert_allclose(mass[:, row["m2"]], np.tile([0, 0, 5 * 0.4 * -60, 0], (3, 1)))
+    np.testing.assert_allclose(
+        mass[:, row["m2"]], np.tile([0, 0, 5 * 0.4 * -60, 0], (3, 1))
+    )
 
 
-@pytest.mark.parametrize("term", ["qdd**2", "sign(qdd)", "abs(qdd)*q", "qdd*qd", "i*qdd"])
+@pytest.mark.parametrize(
+    "term", ["qdd**2", "sign(qdd)", "abs(qdd)*q", "qdd*qd", "i*qdd"]
+)
 def test_effects_that_no_mass_matrix_holds(tmp_path: Path, term: str) -> None:
     own = f'  - {{parameter: P, unit: N·m, acts: [{{at: j1, term: "{term}"}}]}}'
     mechanism = described(tmp_path, EVERYTHING + own)
-    with pytest.raises(InputError, match="effect 'P' is not linear in the accelerations, with positions alone"):
+    with pytest.raises(
+        InputError,
+        match="effect 'P' is not linear in the accelerations, with positions alone",
+    ):
         robot_function("mass_matrix", mechanism, range(len(mechanism.parameters)))
     robot_function("mass_matrix", mechanism, range(60))
-    robot_function("inverse_dynamics_derivatives", mechanism, range(len(mechanism.parameters)))
+    robot_function(
+        "inverse_dynamics_derivatives", mechanism, range(len(mechanism.parameters))
+    )
 
 
 def check_slopes(mechanism: Mechanism, values: dict[str, FloatArray]) -> None:
     """Derivatives of inverse dynamics against central differences."""
     columns, h = range(len(mechanism.parameters)), 1e-6
     function = robot_function("inverse_dynamics", mechanism, columns)
-    found = evaluate(robot_function("inverse_dynamics_derivatives", mechanism, columns), mechanism, values)
+    found = evaluate(
+        robot_function("inverse_dynamics_derivatives", mechanism, columns),
+        mechanism,
+        values,
+    )
     expected = []
     for name in ("q", "qd"):
         for step in h * np.eye(values[name].shape[1]):
-            ends = (evaluate(function, mechanism, values | {name: values[name] + s * step}) for s in (1, -1))
+            ends = (
+                evaluate(function, mechanism, values | {name: values[name] + s * step})
+                for s in (1, -1)
+            )
             expected.append(np.subtract(*ends) / (2 * h))
-    np.testing.assert_allclose(found, np.stack(expected, axis=2), atol=1e-7 * np.abs(found).max())
+    np.testing.assert_allclose(
+        found, np.stack(expected, axis=2), atol=1e-7 * np.abs(found).max()
+    )
 
 
 @pytest.mark.parametrize("sensors", ["", SENSORS], ids=["drives", "sensors"])
@@ -184,7 +250,10 @@ def test_derivatives_with_effects_and_sensors(tmp_path: Path, sensors: str) -> N
     mechanism = described(tmp_path, EVERYTHING + sensors)
     rng = np.random.default_rng(8)
     values = dict(zip(("q", "qd", "qdd"), random_states(mechanism, 3), strict=True))
-    values |= {"parameters": rng.normal(size=len(mechanism.parameters)), "inputs": rng.normal(size=(3, 1))}
+    values |= {
+        "parameters": rng.normal(size=len(mechanism.parameters)),
+        "inputs": rng.normal(size=(3, 1)),
+    }
     check_slopes(mechanism, values)
 
 
@@ -192,20 +261,32 @@ def test_derivatives_with_effects_and_sensors(tmp_path: Path, sensors: str) -> N
 
 
 @pytest.mark.parametrize(
-    "mechanism", [linkages.four_bar(), linkages.rssr(), sensed(linkages.rssr())], ids=["four-bar", "rssr", "sensors"]
+    "mechanism",
+    [linkages.four_bar(), linkages.rssr(), sensed(linkages.rssr())],
+    ids=["four-bar", "rssr", "sensors"],
 )
 def test_loops(mechanism: Mechanism) -> None:
     passive = mechanism.velocities[-1]
-    mechanism = replace(mechanism, effects=(Effect("Fv", "N·m·s/rad", (Action(passive, Side.JOINT, "qd"),)),))
+    mechanism = replace(
+        mechanism,
+        effects=(Effect("Fv", "N·m·s/rad", (Action(passive, Side.JOINT, "qd"),)),),
+    )
     columns = range(len(mechanism.parameters))
     q, qd, qdd = Assembly(mechanism).random_closed_states(np.random.default_rng(5), 4)
     zeta = np.random.default_rng(6).normal(size=len(columns))
-    free = [mechanism.velocities.index(name) for name in mechanism.independent_velocities]
+    free = [
+        mechanism.velocities.index(name) for name in mechanism.independent_velocities
+    ]
     values = {"q": q, "qd": qd[:, free], "qdd": qdd[:, free], "parameters": zeta}
-    found = {name: evaluate(robot_function(name, mechanism, columns), mechanism, values) for name in NAMES}
+    found = {
+        name: evaluate(robot_function(name, mechanism, columns), mechanism, values)
+        for name in NAMES
+    }
     check_parts(found, zeta, qdd[:, free])
     x = evaluate_floats(virtual_power_form(mechanism), mechanism, q, qd, qdd)
-    np.testing.assert_allclose(found["inverse_dynamics"], x @ zeta, atol=1e-9 * np.abs(x).max())
+    np.testing.assert_allclose(
+        found["inverse_dynamics"], x @ zeta, atol=1e-9 * np.abs(x).max()
+    )
     arguments = robot_function("coriolis", mechanism, columns).arguments
     assert [a.name for a in arguments] == ["q", "qd", "parameters", "symbols"]
 
@@ -244,7 +325,11 @@ ARMS = {
     "rx90": arms.rx90(),
     "puma560": arms.puma560(),
     "panda": arms.panda(),
-    "ur10": arms.modified_dh("ur10", *UR10, values={"a2": "-0.612", "a3": "-0.5723", "d4": "0.163941", "d5": "0.1157"}),
+    "ur10": arms.modified_dh(
+        "ur10",
+        *UR10,
+        values={"a2": "-0.612", "a3": "-0.5723", "d4": "0.163941", "d5": "0.1157"},
+    ),
 }
 
 
@@ -258,22 +343,34 @@ def counted(function: Function) -> tuple[int, int, int]:
 @pytest.mark.parametrize("name", COUNTS["rx90"])
 def test_base_parameters(robot: str, name: str) -> None:
     mechanism, limits = ARMS[robot], COUNTS[robot][name]
-    found = counted(robot_function(name, mechanism, ec.base_parameters(mechanism).matrix.pivots))
+    found = counted(
+        robot_function(name, mechanism, ec.base_parameters(mechanism).matrix.pivots)
+    )
     assert all(a <= b for a, b in zip(found, limits, strict=True)), found
 
 
 @pytest.mark.parametrize("robot", ARMS)
 def test_standard_parameters_cost_the_same(robot: str) -> None:
     mechanism: Mechanism = ARMS[robot]
-    found = counted(robot_function("inverse_dynamics", mechanism, range(len(mechanism.parameters))))
-    assert all(a <= b for a, b in zip(found, COUNTS[robot]["inverse_dynamics"], strict=True)), found
+    found = counted(
+        robot_function("inverse_dynamics", mechanism, range(len(mechanism.parameters)))
+    )
+    assert all(
+        a <= b for a, b in zip(found, COUNTS[robot]["inverse_dynamics"], strict=True)
+    ), found
 
 
 def test_frames_behind_constant_placements_cost_the_same() -> None:
     """Standard and modified Denavit–Hartenberg frames of one arm."""
     mechanism = ec.load(EXAMPLES / "ur10.yaml")
-    found = counted(robot_function("inverse_dynamics", mechanism, ec.base_parameters(mechanism).matrix.pivots))
-    assert all(a <= b for a, b in zip(found, COUNTS["ur10"]["inverse_dynamics"], strict=True)), found
+    found = counted(
+        robot_function(
+            "inverse_dynamics", mechanism, ec.base_parameters(mechanism).matrix.pivots
+        )
+    )
+    assert all(
+        a <= b for a, b in zip(found, COUNTS["ur10"]["inverse_dynamics"], strict=True)
+    ), found
 
 
 def test_angles_are_summed_only_where_that_pays() -> None:

@@ -48,7 +48,12 @@ def described(folder: Path, text: str) -> ec.Mechanism:
 class Case:
     """A base model at random states with random base parameters; symbols that have no value, and measured inputs."""
 
-    def __init__(self, mechanism: ec.Mechanism, symbols: dict[str, float] | None = None, **inputs: FloatArray) -> None:
+    def __init__(
+        self,
+        mechanism: ec.Mechanism,
+        symbols: dict[str, float] | None = None,
+        **inputs: FloatArray,
+    ) -> None:
         self.base: BaseModel = ec.base_parameters(mechanism)
         self.mechanism, self.inputs = mechanism, inputs
         self.q, self.qd, self.qdd = random_states(mechanism, SAMPLES)
@@ -60,16 +65,27 @@ class Case:
     def forms(self) -> FloatArray:
         """X of the recorded forms in plain NumPy."""
         forms = inverse_dynamics_regressor(self.mechanism)
-        return evaluate_floats(forms, self.mechanism, *self.state, self.symbols, self.inputs)
+        return evaluate_floats(
+            forms, self.mechanism, *self.state, self.symbols, self.inputs
+        )
 
     def function(self, name: str) -> FloatArray:
         """A recorded function in plain NumPy."""
         made = robot_function(name, self.mechanism, self.base.matrix.pivots)
-        values: dict[str, Any] = {"q": self.q, "qd": self.qd, "qdd": self.qdd, "parameters": self.values}
+        values: dict[str, Any] = {
+            "q": self.q,
+            "qd": self.qd,
+            "qdd": self.qdd,
+            "parameters": self.values,
+        }
         labels = {argument.name: argument.labels for argument in made.arguments}
         if "inputs" in labels:
-            values["inputs"] = np.stack([self.inputs[name] for name in labels["inputs"]], axis=1)
-        known = {name: s.value for name, s in self.mechanism.symbols.items()} | self.symbols
+            values["inputs"] = np.stack(
+                [self.inputs[name] for name in labels["inputs"]], axis=1
+            )
+        known = {
+            name: s.value for name, s in self.mechanism.symbols.items()
+        } | self.symbols
         values["symbols"] = [known[name] for name in labels.get("symbols", ())]
         return evaluate(made, self.mechanism, values)
 
@@ -77,8 +93,12 @@ class Case:
 CURRENT = np.random.default_rng(8).normal(size=SAMPLES)
 
 
-@pytest.fixture(scope="module", params=[*MODELS, "everything", "everything with sensors"])
-def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
+@pytest.fixture(
+    scope="module", params=[*MODELS, "everything", "everything with sensors"]
+)
+def case(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Case:
     if request.param in MODELS:
         return Case(MODELS[request.param](), GRAVITY.get(request.param))
     text = EVERYTHING + (SENSORS if "sensors" in request.param else "")
@@ -86,7 +106,9 @@ def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 def check(found: FloatArray, expected: FloatArray) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * (1e-9 + np.abs(expected).max(initial=0)))
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-13 * (1e-9 + np.abs(expected).max(initial=0))
+    )
 
 
 # -- values --------------------------------------------------------------------------------------------------------
@@ -111,11 +133,15 @@ def test_entries(case: Case) -> None:
     assert len({*zip(rows.tolist(), columns.tolist(), strict=True)}) == len(rows)
 
 
-@pytest.mark.parametrize("name", ["inverse_dynamics", "gravity", "coriolis", "effects", "mass_matrix"])
+@pytest.mark.parametrize(
+    "name", ["inverse_dynamics", "gravity", "coriolis", "effects", "mass_matrix"]
+)
 def test_functions(case: Case, name: str) -> None:
     base, symbols = case.base, case.symbols
     found = {
-        "inverse_dynamics": lambda: base.predict(*case.state, case.values, **case.known),
+        "inverse_dynamics": lambda: base.predict(
+            *case.state, case.values, **case.known
+        ),
         "gravity": lambda: base.gravity(case.q, case.values, symbols),
         "coriolis": lambda: base.coriolis(case.q, case.qd, case.values, symbols),
         "effects": lambda: base.effects(case.q, case.qd, case.values, **case.known),
@@ -125,11 +151,16 @@ def test_functions(case: Case, name: str) -> None:
 
 
 def test_derivatives(case: Case) -> None:
-    by_position, by_velocity = case.base.inverse_dynamics_derivatives(*case.state, case.values, **case.known)
+    by_position, by_velocity = case.base.inverse_dynamics_derivatives(
+        *case.state, case.values, **case.known
+    )
     outputs = len(case.mechanism.outputs)
     assert by_position.shape == (SAMPLES, outputs, len(case.mechanism.positions))
     assert by_velocity.shape == (SAMPLES, outputs, len(case.mechanism.velocities))
-    check(np.concatenate([by_position, by_velocity], axis=2), case.function("inverse_dynamics_derivatives"))
+    check(
+        np.concatenate([by_position, by_velocity], axis=2),
+        case.function("inverse_dynamics_derivatives"),
+    )
 
 
 def test_parts_make_the_whole(case: Case) -> None:
@@ -137,9 +168,17 @@ def test_parts_make_the_whole(case: Case) -> None:
     base, symbols = case.base, case.symbols
     y = base.predict(*case.state, case.values, **case.known)
     check(base.regressor(*case.state, **case.known) @ case.values, y)
-    parts = base.gravity(case.q, case.values, symbols) + base.coriolis(case.q, case.qd, case.values, symbols)
+    parts = base.gravity(case.q, case.values, symbols) + base.coriolis(
+        case.q, case.qd, case.values, symbols
+    )
     parts += base.effects(case.q, case.qd, case.values, **case.known)
-    check(np.einsum("kij,kj->ki", base.mass_matrix(case.q, case.values, symbols), case.qdd) + parts, y)
+    check(
+        np.einsum(
+            "kij,kj->ki", base.mass_matrix(case.q, case.values, symbols), case.qdd
+        )
+        + parts,
+        y,
+    )
 
 
 # -- calls ---------------------------------------------------------------------------------------------------------
@@ -150,7 +189,9 @@ def panda() -> Case:
     return Case(MODELS["panda"]())
 
 
-def test_one_state_lists_and_results(panda: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_state_lists_and_results(
+    panda: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A single state is one sample, and results may be written to the caller's arrays, also by several threads."""
     monkeypatch.setattr(kernel_module, "_FEWEST", 1)
     base, values = panda.base, panda.values
@@ -176,11 +217,18 @@ def test_one_state_lists_and_results(panda: Case, monkeypatch: pytest.MonkeyPatc
 def test_big_batches(panda: Case) -> None:
     """Results beyond the caches, which are written in another way by several threads, are the same bit by bit."""
     state = random_states(panda.mechanism, 6000)
-    for call in (panda.base.regressor, panda.base.standard_regressor, panda.base.regressor_entries):
+    for call in (
+        panda.base.regressor,
+        panda.base.standard_regressor,
+        panda.base.regressor_entries,
+    ):
         whole = call(*state)
         assert whole.nbytes > kernel_module._CACHED_BYTES
         for first in (0, 1, 4567):
-            assert same_bits(call(*(array[first : first + 50] for array in state)), whole[first : first + 50])
+            assert same_bits(
+                call(*(array[first : first + 50] for array in state)),
+                whole[first : first + 50],
+            )
 
 
 def test_other_geometry(panda: Case) -> None:
@@ -189,29 +237,41 @@ def test_other_geometry(panda: Case) -> None:
     found = panda.base.standard_regressor(
         *panda.state, symbols={"d1": 0.4, "d3": 0.25, "d5": 0.35, "a4": 0.07, "a7": 0.1}
     )
-    check(found, evaluate_floats(inverse_dynamics_regressor(other), other, *panda.state))
+    check(
+        found, evaluate_floats(inverse_dynamics_regressor(other), other, *panda.state)
+    )
     assert not np.allclose(found, panda.base.standard_regressor(*panda.state))
 
 
 def test_symbols_without_values() -> None:
     base = ec.base_parameters(ec.load(EXAMPLES / "stanford.yaml"))
     state = random_states(base.mechanism, 3)
-    with pytest.raises(InputError, match="symbol 'd2' has no value; give it as symbols="):
+    with pytest.raises(
+        InputError, match="symbol 'd2' has no value; give it as symbols="
+    ):
         base.regressor(*state)
     assert base.regressor(*state, symbols={"d2": 0.15}).shape == (3, 6, base.rank)
     with pytest.raises(InputError, match="'D2' is not a symbol of this mechanism"):
         base.regressor(*state, symbols={"D2": 0.15})
-    with pytest.raises(InputError, match="argument 'symbols' of regressor: needs a mapping"):
+    with pytest.raises(
+        InputError, match="argument 'symbols' of regressor: needs a mapping"
+    ):
         base.regressor(*state, np.array([0.15]))  # type: ignore[arg-type]
 
 
 def test_wrong_arguments(panda: Case) -> None:
     base, (q, qd, qdd) = panda.base, panda.state
-    with pytest.raises(InputError, match=r"q has shape \(11, 6\); expected \(samples, 7\): j1, j2"):
+    with pytest.raises(
+        InputError, match=r"q has shape \(11, 6\); expected \(samples, 7\): j1, j2"
+    ):
         base.regressor(q[:, :6], qd, qdd)
-    with pytest.raises(InputError, match="different numbers of samples: q 11, qd 11, qdd 4"):
+    with pytest.raises(
+        InputError, match="different numbers of samples: q 11, qd 11, qdd 4"
+    ):
         base.predict(q, qd, qdd[:4], panda.values)
-    with pytest.raises(InputError, match=r"parameters has shape \(42,\); expected \(43,\): ZZ1, "):
+    with pytest.raises(
+        InputError, match=r"parameters has shape \(42,\); expected \(43,\): ZZ1, "
+    ):
         base.gravity(q, panda.values[1:])
     with pytest.raises(InputError, match="threads is 0"):
         base.mass_matrix(q, panda.values, threads=0)
@@ -224,15 +284,24 @@ def test_measured_inputs(tmp_path: Path) -> None:
     gain = [case.mechanism.columns[p].name for p in base.matrix.pivots].index("Kt1")
     row = [output.name for output in case.mechanism.outputs].index("j1")
     np.testing.assert_array_equal(np.abs(found[:, row, gain]), np.abs(CURRENT))
-    assert same_bits(base.regressor(*(a[2] for a in state), inputs={"j1": CURRENT[2]}), found[2:3])
-    with pytest.raises(InputError, match=r"the measured input i\[j1\] is needed; give it as inputs=\{'j1': \.\.\.\}"):
+    assert same_bits(
+        base.regressor(*(a[2] for a in state), inputs={"j1": CURRENT[2]}), found[2:3]
+    )
+    with pytest.raises(
+        InputError,
+        match=r"the measured input i\[j1\] is needed; give it as inputs=\{'j1': \.\.\.\}",
+    ):
         base.regressor(*state)
     with pytest.raises(InputError, match=r"different numbers of samples: .*inputs 5"):
         base.regressor(*state, inputs={"j1": CURRENT[:5]})
-    with pytest.raises(InputError, match=r"measured inputs must be vectors of equal length; got shapes \(11, 1\)"):
+    with pytest.raises(
+        InputError,
+        match=r"measured inputs must be vectors of equal length; got shapes \(11, 1\)",
+    ):
         base.regressor(*state, inputs={"j1": CURRENT[:, None]})
     with pytest.raises(
-        InputError, match="argument 'inputs' of regressor: needs a mapping of a text to an array of numbers"
+        InputError,
+        match="argument 'inputs' of regressor: needs a mapping of a text to an array of numbers",
     ):
         base.regressor(*state, inputs={"j1": CURRENT * 1j})
 

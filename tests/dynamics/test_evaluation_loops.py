@@ -27,7 +27,15 @@ from support.selection import slow_unless
 from support.small_kernels import same_bits
 
 LOOPS = ROOT / "examples" / "loops"
-FILES = ("bennett", "delta", "four_bar", "gough_stewart", "parallelogram", "sr400", "three_rps")
+FILES = (
+    "bennett",
+    "delta",
+    "four_bar",
+    "gough_stewart",
+    "parallelogram",
+    "sr400",
+    "three_rps",
+)
 SAMPLES = 11
 
 
@@ -35,9 +43,14 @@ def closed_well(mechanism: ec.Mechanism) -> tuple[FloatArray, FloatArray, FloatA
     """States closed to rounding, not to 1e-12 of the size: functions mend the pose, and would differ from rows."""
     assembly = Assembly(mechanism)
     q, qd, qdd = assembly.random_closed_states(np.random.default_rng(5), SAMPLES)
-    free = [mechanism.velocities.index(name) for name in mechanism.independent_velocities]
+    free = [
+        mechanism.velocities.index(name) for name in mechanism.independent_velocities
+    ]
     values, jacobian = assembly.closures.at(q)
-    change = -(np.linalg.pinv(jacobian, rcond=1e-9) @ values[:, :, None])[:, :, 0] * assembly.closures.units
+    change = (
+        -(np.linalg.pinv(jacobian, rcond=1e-9) @ values[:, :, None])[:, :, 0]
+        * assembly.closures.units
+    )
     q = normalised(mechanism, q + position_rates(mechanism, q, change))
     return completed(assembly, q, qd[:, free], qdd[:, free])
 
@@ -58,7 +71,10 @@ def made(name: str) -> Case:
 
 
 def cases(*names: str) -> list[object]:
-    return slow_unless(lambda name: name not in ("bennett", "delta", "gough_stewart", "three_rps"), names)
+    return slow_unless(
+        lambda name: name not in ("bennett", "delta", "gough_stewart", "three_rps"),
+        names,
+    )
 
 
 @pytest.fixture(params=cases(*FILES))
@@ -72,7 +88,9 @@ def four_bar() -> Case:
 
 
 def check(found: FloatArray, expected: FloatArray, tolerance: float = 1e-12) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerance * np.abs(expected).max()
+    )
 
 
 def test_all_files_are_here() -> None:
@@ -95,7 +113,11 @@ def test_predictions(case: Case) -> None:
 
 def test_gravity_is_what_a_robot_at_rest_needs(case: Case) -> None:
     still = np.zeros_like(case.qd)
-    check(case.base.gravity(case.q, case.values), case.base.predict(case.q, still, still, case.values), 1e-11)
+    check(
+        case.base.gravity(case.q, case.values),
+        case.base.predict(case.q, still, still, case.values),
+        1e-11,
+    )
 
 
 @pytest.mark.parametrize("name", cases("four_bar", "delta", "gough_stewart"))
@@ -112,13 +134,20 @@ def test_independent_coordinates_are_enough(name: str) -> None:
     for given, found, columns in zip(few, full, (places, chosen, chosen), strict=True):
         np.testing.assert_allclose(found[:, columns], given, rtol=0, atol=1e-12)
     check(base.regressor(*few), base.regressor(*full), 1e-9)
-    assert base.regressor(*(array[0] for array in few)).shape == (1, len(mechanism.outputs), base.rank)
+    assert base.regressor(*(array[0] for array in few)).shape == (
+        1,
+        len(mechanism.outputs),
+        base.rank,
+    )
 
 
 def test_other_lengths(four_bar: Case) -> None:
     """Other values of symbols are those of another mechanism."""
     symbols = {"l2": 0.12, "l3": 0.33}
-    changed = {n: replace(s, value=symbols.get(n, s.value), exact=None) for n, s in four_bar.mechanism.symbols.items()}
+    changed = {
+        n: replace(s, value=symbols.get(n, s.value), exact=None)
+        for n, s in four_bar.mechanism.symbols.items()
+    }
     other = replace(four_bar.mechanism, symbols=changed)
     states = Assembly(other).random_closed_states(np.random.default_rng(3), SAMPLES)
     expected = evaluate_floats(virtual_power_form(other), other, *states)
@@ -130,17 +159,29 @@ def test_other_lengths(four_bar: Case) -> None:
 def test_effects_and_sensors() -> None:
     """Friction at a joint that is not driven, and the wrench in a bearing."""
     mechanism = sensed(linkages.rssr())
-    friction = Effect("Fv", "N·m·s/rad", (Action(mechanism.velocities[-1], Side.JOINT, "qd"),))
+    friction = Effect(
+        "Fv", "N·m·s/rad", (Action(mechanism.velocities[-1], Side.JOINT, "qd"),)
+    )
     case = Case(replace(mechanism, effects=(friction,)))
     x = evaluate_floats(virtual_power_form(case.mechanism), case.mechanism, *case.state)
-    check(case.base.standard_regressor(*case.state), x, 1e-9)  # of states that are closed to rounding
-    check(case.base.predict(*case.state, case.values), x[:, :, list(case.base.matrix.pivots)] @ case.values, 1e-9)
+    check(
+        case.base.standard_regressor(*case.state), x, 1e-9
+    )  # of states that are closed to rounding
+    check(
+        case.base.predict(*case.state, case.values),
+        x[:, :, list(case.base.matrix.pivots)] @ case.values,
+        1e-9,
+    )
 
 
 def test_results_and_threads(four_bar: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel_module, "_FEWEST", 1)
     base, values = four_bar.base, four_bar.values
-    for call in (base.regressor, base.standard_regressor, lambda *s, **k: base.predict(*s, values, **k)):
+    for call in (
+        base.regressor,
+        base.standard_regressor,
+        lambda *s, **k: base.predict(*s, values, **k),
+    ):
         whole = call(*four_bar.state)
         out = np.full(whole.shape, 7.0)
         assert call(*four_bar.state, out=out, threads=2) is out
@@ -160,19 +201,34 @@ MISTAKES: dict[str, tuple[Callable[[Case], object], str]] = {
         lambda c: c.base.regressor(c.q, c.qd + 0.1, c.qdd),
         "velocities of sample 0 do not keep the loops closed",
     ),
-    "open accelerations": (lambda c: c.base.regressor(*c.state[:2], c.qdd + 0.1), "accelerations of sample 0 do not"),
-    "shape": (lambda c: c.base.regressor(c.q[:, :2], c.qd, c.qdd), r"q has shape \(11, 2\)"),
+    "open accelerations": (
+        lambda c: c.base.regressor(*c.state[:2], c.qdd + 0.1),
+        "accelerations of sample 0 do not",
+    ),
+    "shape": (
+        lambda c: c.base.regressor(c.q[:, :2], c.qd, c.qdd),
+        r"q has shape \(11, 2\)",
+    ),
     "samples": (
         lambda c: c.base.regressor(c.q[:5], c.qd, c.qdd),
         r"of each kind; got q \(5, 3\), qd \(11, 3\)",
     ),
-    "axes": (lambda c: c.base.regressor(*(a[:, None] for a in c.state)), r"got q \(11, 1, 3\), qd \(11, 1, 3\)"),
+    "axes": (
+        lambda c: c.base.regressor(*(a[:, None] for a in c.state)),
+        r"got q \(11, 1, 3\), qd \(11, 1, 3\)",
+    ),
     "text": (
         lambda c: c.base.regressor([["a"] * 3], c.qd, c.qdd),
         "argument 'q' of regressor: needs an array of numbers",
     ),
-    "parameters": (lambda c: c.base.predict(*c.state, c.values[1:]), r"parameters has shape \(7,\); expected \(8,\)"),
-    "no threads": (lambda c: c.base.regressor(*c.state, threads=0), "threads is 0; expected at least 1"),
+    "parameters": (
+        lambda c: c.base.predict(*c.state, c.values[1:]),
+        r"parameters has shape \(7,\); expected \(8,\)",
+    ),
+    "no threads": (
+        lambda c: c.base.regressor(*c.state, threads=0),
+        "threads is 0; expected at least 1",
+    ),
 }
 
 
@@ -183,4 +239,8 @@ def test_mistakes(four_bar: Case, call: Callable[[Case], object], message: str) 
 
 
 def test_no_samples(four_bar: Case) -> None:
-    assert four_bar.base.regressor(*(np.zeros((0, 3)) for _ in range(3))).shape == (0, 1, four_bar.base.rank)
+    assert four_bar.base.regressor(*(np.zeros((0, 3)) for _ in range(3))).shape == (
+        0,
+        1,
+        four_bar.base.rank,
+    )

@@ -12,11 +12,20 @@ import pytest
 import echelon as ec
 from echelon.base.model import BaseModel
 from support.float_regressor import FloatArray, random_states, standard_vector
-from support.robot_files import PinocchioState, pinocchio_model, pinocchio_state, robot_file
+from support.robot_files import (
+    PinocchioState,
+    pinocchio_model,
+    pinocchio_state,
+    robot_file,
+)
 
 SAMPLES = 9
 FIXED = ("ur10_robot", "panda", "xarm7", "z1")
-ROBOTS = [(name, False) for name in FIXED] + [("a1", True), ("ur10_robot", True), ("double_pendulum_continuous", True)]
+ROBOTS = [(name, False) for name in FIXED] + [
+    ("a1", True),
+    ("ur10_robot", True),
+    ("double_pendulum_continuous", True),
+]
 
 
 class Case:
@@ -24,7 +33,9 @@ class Case:
 
     def __init__(self, name: str, floating: bool) -> None:
         file = robot_file(name)
-        mechanism = ec.load(file, floating=floating, snap_tolerance=0, independent_mimics=True)
+        mechanism = ec.load(
+            file, floating=floating, snap_tolerance=0, independent_mimics=True
+        )
         self.base: BaseModel = ec.base_parameters(mechanism)
         self.values = self.base.B_float() @ standard_vector(mechanism)
         self.state = self.q, self.qd, self.qdd = random_states(mechanism, SAMPLES)
@@ -37,22 +48,36 @@ class Case:
         return [pinocchio_state(self.base.mechanism, self.model, *row) for row in rows]
 
     def forces(self, *, still: bool = False) -> FloatArray:
-        return np.array([s.to_ours(pin.rnea(self.model, self.data, s.q, s.v, s.a)) for s in self.states(still=still)])
+        return np.array(
+            [
+                s.to_ours(pin.rnea(self.model, self.data, s.q, s.v, s.a))
+                for s in self.states(still=still)
+            ]
+        )
 
     def weights(self) -> FloatArray:
-        return np.array([s.to_ours(pin.computeGeneralizedGravity(self.model, self.data, s.q)) for s in self.states()])
+        return np.array(
+            [
+                s.to_ours(pin.computeGeneralizedGravity(self.model, self.data, s.q))
+                for s in self.states()
+            ]
+        )
 
 
 made = cache(Case)
 
 
-@pytest.fixture(params=ROBOTS, ids=lambda pair: pair[0] + (" floating" if pair[1] else ""))
+@pytest.fixture(
+    params=ROBOTS, ids=lambda pair: pair[0] + (" floating" if pair[1] else "")
+)
 def case(request: pytest.FixtureRequest) -> Case:
     return made(*request.param)
 
 
 def check(found: FloatArray, expected: FloatArray, tolerance: float = 1e-13) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerance * np.abs(expected).max()
+    )
 
 
 def test_inverse_dynamics(case: Case) -> None:
@@ -66,7 +91,10 @@ def test_gravity(case: Case) -> None:
 
 
 def test_coriolis(case: Case) -> None:
-    check(case.base.coriolis(case.q, case.qd, case.values), case.forces(still=True) - case.weights())
+    check(
+        case.base.coriolis(case.q, case.qd, case.values),
+        case.forces(still=True) - case.weights(),
+    )
 
 
 def test_mass_matrix(case: Case) -> None:
@@ -91,6 +119,8 @@ def test_derivatives(name: str) -> None:
     expected: list[Any] = []
     for s in case.states():
         pin.computeRNEADerivatives(case.model, case.data, s.q, s.v, s.a)
-        expected.append([s.map.T @ d @ s.map for d in (case.data.dtau_dq, case.data.dtau_dv)])
+        expected.append(
+            [s.map.T @ d @ s.map for d in (case.data.dtau_dq, case.data.dtau_dv)]
+        )
     for ours, theirs in zip(found, np.swapaxes(expected, 0, 1), strict=True):
         check(ours, theirs, 1e-12)

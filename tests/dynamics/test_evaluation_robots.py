@@ -27,7 +27,12 @@ as one number."""
 
 
 def joints(name: str) -> int:
-    return len(re.findall(rb"type\s*=\s*[\"'](?:revolute|continuous|prismatic)[\"']", robot_files()[name].read_bytes()))
+    return len(
+        re.findall(
+            rb"type\s*=\s*[\"'](?:revolute|continuous|prismatic)[\"']",
+            robot_files()[name].read_bytes(),
+        )
+    )
 
 
 def cases() -> list[object]:
@@ -42,13 +47,22 @@ def test_some_files_are_fast() -> None:
 @pytest.mark.parametrize("name", cases())
 def test_regressors_equal_pinocchio(name: str, floating: bool) -> None:
     # nothing is snapped, so both programs see the numbers of the file; Pinocchio ignores mimic elements
-    mechanism = ec.load(robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True)
+    mechanism = ec.load(
+        robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True
+    )
     state = random_states(mechanism, SAMPLES)
-    expected = pinocchio_regressor(mechanism, pinocchio_model(robot_file(name), floating), *state)
-    for columns in (range(len(mechanism.parameters)), ec.base_structure(mechanism).pivots):
+    expected = pinocchio_regressor(
+        mechanism, pinocchio_model(robot_file(name), floating), *state
+    )
+    for columns in (
+        range(len(mechanism.parameters)),
+        ec.base_structure(mechanism).pivots,
+    ):
         evaluate = Evaluator(mechanism, robot_function("regressor", mechanism, columns))
         found = evaluate(dict(zip(("q", "qd", "qdd"), state, strict=True)))
         # reached: 5.3e-13 for those files, 2.4e-14 (Romeo) for all others
         tolerance = 1e-12 if name.startswith(ALIKE) else 5e-14
         scale = np.abs(expected).max(initial=0)
-        np.testing.assert_allclose(found, expected[:, :, list(columns)], rtol=0, atol=tolerance * scale)
+        np.testing.assert_allclose(
+            found, expected[:, :, list(columns)], rtol=0, atol=tolerance * scale
+        )

@@ -14,7 +14,12 @@ SYMBOLS = ("a", "b")
 
 def rank(*texts: str) -> int:
     """Dimension of what some functions span over the constants."""
-    model = ec.LinearModel([list(texts)], ["x", "y", "z", "v"], [f"p{k}" for k in range(len(texts))], SYMBOLS)
+    model = ec.LinearModel(
+        [list(texts)],
+        ["x", "y", "z", "v"],
+        [f"p{k}" for k in range(len(texts))],
+        SYMBOLS,
+    )
     return linear_structure(model.regressor, np.random.default_rng(3)).rank
 
 
@@ -157,25 +162,44 @@ def test_ranks(texts: list[str], expected: int) -> None:
 
 
 WITH_OTHERS = {
-    "arc tangents that add up": (["atan(x) + atan(y)", "atan((x + y)/(1 - x*y))", "1"], 3),
-    "arc tangents that add up without jumps": (["atan(exp(x))", "atan(exp(-x))", "1"], 2),
-    "arc tangents of either sign": (["atan(x)", "atan(abs(x))", "sign(x)*atan(abs(x))"], 2),
+    "arc tangents that add up": (
+        ["atan(x) + atan(y)", "atan((x + y)/(1 - x*y))", "1"],
+        3,
+    ),
+    "arc tangents that add up without jumps": (
+        ["atan(exp(x))", "atan(exp(-x))", "1"],
+        2,
+    ),
+    "arc tangents of either sign": (
+        ["atan(x)", "atan(abs(x))", "sign(x)*atan(abs(x))"],
+        2,
+    ),
     "half an angle": (["atan(sin(x)/(1 + cos(x)))", "x", "sin(x)"], 3),
     "function of an arc tangent": (["exp(atan(x))", "exp(atan(x) + 1)", "x"], 2),
     "sine of half an arc tangent": (["sin(atan(x)/2)**2", "1/sqrt(1 + x**2)", "1"], 2),
     "arc tangent of a constant": (["atan(2)*x", "x"], 1),
-    "function of a root of a sum": (["exp(sqrt(1 + x**2))", "exp(2*sqrt(1 + x**2))", "exp(1 + sqrt(1 + x**2))"], 2),
+    "function of a root of a sum": (
+        ["exp(sqrt(1 + x**2))", "exp(2*sqrt(1 + x**2))", "exp(1 + sqrt(1 + x**2))"],
+        2,
+    ),
     "log of a root of two": (["log(x + sqrt(2))", "log(sqrt(2)*x + 2)", "1"], 2),
-    "quotient led by a constant": (["exp(1/(a*x + 1))", "exp(1 + 1/(a*x + 1))", "exp(2/(a*x + 1))"], 2),
+    "quotient led by a constant": (
+        ["exp(1/(a*x + 1))", "exp(1 + 1/(a*x + 1))", "exp(2/(a*x + 1))"],
+        2,
+    ),
 }
 
 
-@pytest.mark.parametrize(("texts", "expected"), WITH_OTHERS.values(), ids=WITH_OTHERS.keys())
+@pytest.mark.parametrize(
+    ("texts", "expected"), WITH_OTHERS.values(), ids=WITH_OTHERS.keys()
+)
 def test_functions_of_functions(texts: list[str], expected: int) -> None:
     assert rank(*texts) == expected
 
 
-@pytest.mark.parametrize("text", ["log(-x**2)", "sqrt(x) + sqrt(-x)", "log(sin(x) - 2)"])
+@pytest.mark.parametrize(
+    "text", ["log(-x**2)", "sqrt(x) + sqrt(-x)", "log(sin(x) - 2)"]
+)
 def test_functions_that_are_real_nowhere(text: str) -> None:
     with pytest.raises(InputError, match="no real point"):
         rank(text)

@@ -33,28 +33,39 @@ ROBOTS = [
 
 @cache
 def loaded(name: str, floating: bool) -> Mechanism:
-    return ec.load(robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True)
+    return ec.load(
+        robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True
+    )
 
 
 @pytest.mark.parametrize(("name", "floating"), ROBOTS)
 def test_frames_are_pinocchios(name: str, floating: bool) -> None:
     import pinocchio as pin
 
-    mechanism, model = loaded(name, floating), pinocchio_model(robot_file(name), floating)
+    mechanism, model = (
+        loaded(name, floating),
+        pinocchio_model(robot_file(name), floating),
+    )
     q, qd, qdd = random_states(mechanism, 5)
     found = Kinematics(mechanism).frames(q)
     assert found.shape == (5, len(mechanism.bodies), 3, 4)
     data = model.createData()
     for k in range(5):
-        pin.forwardKinematics(model, data, pinocchio_state(mechanism, model, q[k], qd[k], qdd[k]).q)
+        pin.forwardKinematics(
+            model, data, pinocchio_state(mechanism, model, q[k], qd[k], qdd[k]).q
+        )
         seen = 0
         for index, body in enumerate(mechanism.bodies):
             joint = "root_joint" if body.joint.kind == "floating" else body.joint.name
             if not body.joint.motions:
                 continue
             theirs = data.oMi[model.getJointId(joint)]
-            np.testing.assert_allclose(found[k, index, :, :3], theirs.rotation, atol=1e-13)
-            np.testing.assert_allclose(found[k, index, :, 3], theirs.translation, atol=1e-12)
+            np.testing.assert_allclose(
+                found[k, index, :, :3], theirs.rotation, atol=1e-13
+            )
+            np.testing.assert_allclose(
+                found[k, index, :, 3], theirs.translation, atol=1e-12
+            )
             seen += 1
         assert seen == model.njoints - 1
 
@@ -62,9 +73,13 @@ def test_frames_are_pinocchios(name: str, floating: bool) -> None:
 def by_hand(mechanism: Mechanism, q: Floats) -> Floats:
     """Products of textbook matrices from the base outwards."""
     position = dict(zip(mechanism.positions, q.tolist(), strict=True))
-    known = {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
+    known = {
+        name: s.value for name, s in mechanism.symbols.items() if s.value is not None
+    }
     for coupling in mechanism.couplings:
-        position[coupling.coordinate] = sum(f.floats(position[n], known)[0] for n, f in coupling.terms)
+        position[coupling.coordinate] = sum(
+            f.floats(position[n], known)[0] for n, f in coupling.terms
+        )
     poses: list[Floats] = []
     for index, body in enumerate(mechanism.bodies):
         before = np.eye(4) if body.parent == GROUND else poses[body.parent]
@@ -83,13 +98,17 @@ def test_frames_of_random_trees(mechanism: Mechanism, seed: int) -> None:
         np.testing.assert_allclose(found[k], by_hand(mechanism, q[k]), atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["ur10", "scara", "cart_pole", "gripper_coupled", "floating_tree"])
+@pytest.mark.parametrize(
+    "name", ["ur10", "scara", "cart_pole", "gripper_coupled", "floating_tree"]
+)
 def test_slopes(name: str) -> None:
     mechanism = ec.load(EXAMPLES / f"{name}.yaml")
     arm, state = Kinematics(mechanism), {"q": random_states(mechanism, 3)[0]}
     found = arm.slopes(state["q"])
     assert found.shape == (3, len(mechanism.bodies), 3, 4, len(mechanism.positions))
-    np.testing.assert_allclose(found, slopes_by_state(arm.frames, state, "q"), atol=1e-10)
+    np.testing.assert_allclose(
+        found, slopes_by_state(arm.frames, state, "q"), atol=1e-10
+    )
     assert np.abs(found).max() > 0.1
 
 
@@ -97,13 +116,19 @@ def test_slopes(name: str) -> None:
 def test_slopes_of_files(name: str) -> None:
     arm = Kinematics(loaded(name, False))
     state = {"q": random_states(arm.mechanism, 2)[0]}
-    np.testing.assert_allclose(arm.slopes(state["q"]), slopes_by_state(arm.frames, state, "q"), atol=1e-10)
+    np.testing.assert_allclose(
+        arm.slopes(state["q"]), slopes_by_state(arm.frames, state, "q"), atol=1e-10
+    )
 
 
 def test_rotations_turn() -> None:
     arm = Kinematics(ec.load(EXAMPLES / "panda.yaml"))
     found = arm.frames(random_states(arm.mechanism, 50)[0])[..., :3]
-    np.testing.assert_allclose(np.einsum("nbij,nbkj->nbik", found, found), np.eye(3) + np.zeros_like(found), atol=1e-14)
+    np.testing.assert_allclose(
+        np.einsum("nbij,nbkj->nbik", found, found),
+        np.eye(3) + np.zeros_like(found),
+        atol=1e-14,
+    )
     np.testing.assert_allclose(np.linalg.det(found), 1, atol=1e-13)
 
 
@@ -116,6 +141,8 @@ def test_symbols_can_be_given() -> None:
     # the arm is shifted along the second axis by the difference
     along = short[:, 1, :, 2]
     np.testing.assert_allclose(
-        long[:, 1:, :, 3] - short[:, 1:, :, 3], 0.2 * along[:, None] + 0 * long[:, 1:, :, 3], atol=1e-14
+        long[:, 1:, :, 3] - short[:, 1:, :, 3],
+        0.2 * along[:, None] + 0 * long[:, 1:, :, 3],
+        atol=1e-14,
     )
     np.testing.assert_allclose(long[..., :3], short[..., :3], atol=1e-15)

@@ -32,11 +32,27 @@ from support.selection import one_in, slow_unless
 from support.written_robots import random_parameters
 
 LOOPS = ROOT / "examples" / "loops"
-EXAMPLES = ("bennett", "delta", "four_bar", "gough_stewart", "parallelogram", "sr400", "three_rps")
+EXAMPLES = (
+    "bennett",
+    "delta",
+    "four_bar",
+    "gough_stewart",
+    "parallelogram",
+    "sr400",
+    "three_rps",
+)
 # every kind of closure, by turns in plain chains, in branched ones and in ones with couplings
-CHAINS = [linkages.closed_chain(k, n % 3 == 1, n % 3 == 2) for n, k in enumerate(ClosureKind)]
-ALL = [pytest.param(m, id=m.name) for m in (*CHAINS, linkages.slider_crank(), linkages.rssr())]
-ALL += [pytest.param(name, id=name, marks=[pytest.mark.slow] * (name == "gough_stewart")) for name in EXAMPLES]
+CHAINS = [
+    linkages.closed_chain(k, n % 3 == 1, n % 3 == 2) for n, k in enumerate(ClosureKind)
+]
+ALL = [
+    pytest.param(m, id=m.name)
+    for m in (*CHAINS, linkages.slider_crank(), linkages.rssr())
+]
+ALL += [
+    pytest.param(name, id=name, marks=[pytest.mark.slow] * (name == "gough_stewart"))
+    for name in EXAMPLES
+]
 
 
 @cache
@@ -52,17 +68,29 @@ class Functions:
     """The functions of a mechanism in NumPy, of all standard parameters."""
 
     def __init__(self, mechanism: Mechanism, zeta: FloatArray) -> None:
-        self.mechanism, self._known = mechanism, {"parameters": zeta, "standard_parameters": zeta}
+        self.mechanism, self._known = (
+            mechanism,
+            {"parameters": zeta, "standard_parameters": zeta},
+        )
         self._functions: dict[str, Function] = {}
 
     def recorded(self, name: str) -> Function:
         if name not in self._functions:
-            self._functions[name] = robot_function(name, self.mechanism, range(len(self.mechanism.parameters)))
+            self._functions[name] = robot_function(
+                name, self.mechanism, range(len(self.mechanism.parameters))
+            )
         return self._functions[name]
 
     def __call__(self, name: str, **state: FloatArray) -> FloatArray:
         function = self.recorded(name)
-        return reference(function, {**state, **self._known, **geometry_values(self.mechanism, function.arguments)})
+        return reference(
+            function,
+            {
+                **state,
+                **self._known,
+                **geometry_values(self.mechanism, function.arguments),
+            },
+        )
 
 
 def regular_states(functions: Functions, count: int) -> tuple[FloatArray, ...]:
@@ -73,7 +101,9 @@ def regular_states(functions: Functions, count: int) -> tuple[FloatArray, ...]:
     return tuple(part[best] for part in states)
 
 
-def tree_terms(mechanism: Mechanism, zeta: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, ...]:
+def tree_terms(
+    mechanism: Mechanism, zeta: FloatArray, q: FloatArray, qd: FloatArray
+) -> tuple[FloatArray, ...]:
     """M, h, and gravity of the tree, and all velocities by the independent ones, by Pinocchio."""
     model = Constrained(mechanism, zeta)
     positions, moved = model.joint_positions(q), model.couplings
@@ -90,25 +120,33 @@ def tree_terms(mechanism: Mechanism, zeta: FloatArray, q: FloatArray, qd: FloatA
 
 
 def close(found: FloatArray, expected: FloatArray, tolerance: float = 1e-9) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * max(np.abs(expected).max(), 1e-3))
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerance * max(np.abs(expected).max(), 1e-3)
+    )
 
 
 @pytest.mark.parametrize("mechanism", one_in(3, ALL))
-def test_equations_of_motion_are_those_of_the_tree_in_independent_coordinates(mechanism: Mechanism | str) -> None:
+def test_equations_of_motion_are_those_of_the_tree_in_independent_coordinates(
+    mechanism: Mechanism | str,
+) -> None:
     mechanism = made(mechanism)
     zeta, (q, qd, qdd) = random_parameters(mechanism), closed_states(mechanism, 4)
     free, functions = independent_columns(mechanism), Functions(mechanism, zeta)
     state = {"q": q, "qd": qd[:, free], "qdd": qdd[:, free]}
     close(functions("closed_velocities", **state), qd, 1e-8)
     close(functions("closed_accelerations", **state), qdd, 1e-7)
-    without = accelerations(Assembly(mechanism), q, qd, np.zeros((len(q), len(free))))  # Ġ q̇
+    without = accelerations(
+        Assembly(mechanism), q, qd, np.zeros((len(q), len(free)))
+    )  # Ġ q̇
     terms = [tree_terms(mechanism, zeta, *one) for one in zip(q, qd, strict=True)]
     mass = functions("mass_matrix", **state)
     close(mass, np.array([G.T @ M @ G for M, _, _, G in terms]), 1e-8)
     close(mass, mass.swapaxes(1, 2))
     weight = functions("gravity", **state)
     close(weight, np.array([G.T @ g for _, _, g, G in terms]), 1e-8)
-    h = np.array([G.T @ (h + M @ a) for (M, h, _, G), a in zip(terms, without, strict=True)])
+    h = np.array(
+        [G.T @ (h + M @ a) for (M, h, _, G), a in zip(terms, without, strict=True)]
+    )
     close(functions("coriolis", **state) + weight, h, 1e-7)
     effort = functions("inverse_dynamics", **state)
     close(effort, np.einsum("nij,nj->ni", mass, state["qdd"]) + h, 1e-7)
@@ -119,8 +157,12 @@ def test_equations_of_motion_are_those_of_the_tree_in_independent_coordinates(me
 def test_derivatives_are_those_along_closed_motions(mechanism: Mechanism | str) -> None:
     mechanism = made(mechanism)
     free, names = independent_columns(mechanism), mechanism.independent_velocities
-    friction = Effect("Fv", "N·m·s/rad", (Action(mechanism.velocities[-1], Side.JOINT, "qd"),))
-    if mechanism.velocities[-1][-1] not in "xyz":  # a free rotation has no coordinate that a term could use
+    friction = Effect(
+        "Fv", "N·m·s/rad", (Action(mechanism.velocities[-1], Side.JOINT, "qd"),)
+    )
+    if (
+        mechanism.velocities[-1][-1] not in "xyz"
+    ):  # a free rotation has no coordinate that a term could use
         mechanism = replace(mechanism, effects=(friction,))
     functions = Functions(mechanism, random_parameters(mechanism))
     q, qd, qdd = regular_states(functions, 3)
@@ -140,23 +182,45 @@ def test_derivatives_are_those_along_closed_motions(mechanism: Mechanism | str) 
         return {**state, "q": there}
 
     for column in range(2 * len(names)):
-        ends = [functions("inverse_dynamics", **moved(column, k * h)) for k in (1, -1, 2, -2)]
+        ends = [
+            functions("inverse_dynamics", **moved(column, k * h))
+            for k in (1, -1, 2, -2)
+        ]
         expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * h)
-        np.testing.assert_allclose(found[:, :, column], expected, rtol=0, atol=1e-6 * np.abs(found).max())
+        np.testing.assert_allclose(
+            found[:, :, column], expected, rtol=0, atol=1e-6 * np.abs(found).max()
+        )
 
 
-@pytest.mark.parametrize("name", slow_unless(["four_bar", "slider-crank"], ["four_bar", "three_rps", "slider-crank"]))
-def test_simulated_motion_keeps_its_energy_but_for_the_work_of_the_drives(name: str) -> None:
+@pytest.mark.parametrize(
+    "name",
+    slow_unless(
+        ["four_bar", "slider-crank"], ["four_bar", "three_rps", "slider-crank"]
+    ),
+)
+def test_simulated_motion_keeps_its_energy_but_for_the_work_of_the_drives(
+    name: str,
+) -> None:
     mechanism = linkages.slider_crank() if name == "slider-crank" else example(name)
-    zeta = np.tile([0.02, 0, 0, 0.02, 0, 0.02, 0.1, 0.05, 0.0, 1.0], len(mechanism.bodies))
-    functions, model, free = Functions(mechanism, zeta), Constrained(mechanism, zeta), independent_columns(mechanism)
+    zeta = np.tile(
+        [0.02, 0, 0, 0.02, 0, 0.02, 0.1, 0.05, 0.0, 1.0], len(mechanism.bodies)
+    )
+    functions, model, free = (
+        Functions(mechanism, zeta),
+        Constrained(mechanism, zeta),
+        independent_columns(mechanism),
+    )
     q, qd = Assembly(mechanism).pose[None], np.full((1, len(free)), 0.4)
     force, h = np.linspace(0.5, 1.0, len(free)), 2e-3
 
     def rates(q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
         held = functions("coriolis", q=q, qd=qd) + functions("gravity", q=q)
-        qdd = np.linalg.solve(functions("mass_matrix", q=q), (force - held)[:, :, None])[:, :, 0]
-        return position_rates(mechanism, q, functions("closed_velocities", q=q, qd=qd)), qdd
+        qdd = np.linalg.solve(
+            functions("mass_matrix", q=q), (force - held)[:, :, None]
+        )[:, :, 0]
+        return position_rates(
+            mechanism, q, functions("closed_velocities", q=q, qd=qd)
+        ), qdd
 
     def energy() -> float:
         return model.energy(q[0], functions("closed_velocities", q=q, qd=qd)[0])
@@ -176,29 +240,50 @@ def test_simulated_motion_keeps_its_energy_but_for_the_work_of_the_drives(name: 
 
 
 @pytest.mark.parametrize("mechanism", one_in(2, ALL))
-def test_forces_of_closures_are_lagrange_multipliers(mechanism: Mechanism | str) -> None:
+def test_forces_of_closures_are_lagrange_multipliers(
+    mechanism: Mechanism | str,
+) -> None:
     mechanism = made(mechanism)
     zeta, (q, qd, qdd) = random_parameters(mechanism), closed_states(mechanism, 3)
-    free, functions, model = independent_columns(mechanism), Functions(mechanism, zeta), Constrained(mechanism, zeta)
+    free, functions, model = (
+        independent_columns(mechanism),
+        Functions(mechanism, zeta),
+        Constrained(mechanism, zeta),
+    )
     state = {"q": q, "qd": qd[:, free], "qdd": qdd[:, free]}
     if mechanism.name == "bennett":
-        with pytest.raises(InputError, match="redundant constraints leave all forces of the closures undetermined"):
+        with pytest.raises(
+            InputError,
+            match="redundant constraints leave all forces of the closures undetermined",
+        ):
             functions("constraint_forces", **state)
         return
     found = functions("constraint_forces", **state)
-    columns = {name: k for k, name in enumerate(functions.recorded("constraint_forces").axes[0])}
+    columns = {
+        name: k
+        for k, name in enumerate(functions.recorded("constraint_forces").axes[0])
+    }
     for sample, one in enumerate(zip(q, qd, qdd, strict=True)):
         _, multipliers = model.dynamics(*one)
         for closure in mechanism.closures:
             _, basis = model.basis(closure)
-            force, multipliers = multipliers[: len(basis)] @ basis, multipliers[len(basis) :]
+            force, multipliers = (
+                multipliers[: len(basis)] @ basis,
+                multipliers[len(basis) :],
+            )
             for k, axis in enumerate("xyz"):
                 column = columns.get(f"{closure.name}: force {axis}")
                 if column is not None:
-                    assert found[sample, column] == pytest.approx(force[k], abs=1e-7 * np.abs(found).max())
+                    assert found[sample, column] == pytest.approx(
+                        force[k], abs=1e-7 * np.abs(found).max()
+                    )
                 column = columns.get(f"{closure.name}: moment {axis}")
-                if column is not None and len(closure.kind.positions) == 3:  # elsewhere frames have other origins
-                    assert found[sample, column] == pytest.approx(force[3 + k], abs=1e-7 * np.abs(found).max())
+                if (
+                    column is not None and len(closure.kind.positions) == 3
+                ):  # elsewhere frames have other origins
+                    assert found[sample, column] == pytest.approx(
+                        force[3 + k], abs=1e-7 * np.abs(found).max()
+                    )
 
 
 def test_which_forces_of_closures_are_determined() -> None:
@@ -211,9 +296,17 @@ def test_which_forces_of_closures_are_determined() -> None:
         found = robot_function("constraint_forces", example(name), ())
         assert found.axes == (components,)
         assert "undetermined" not in found.meaning
-    weld = robot_function("constraint_forces", linkages.closed_chain(ClosureKind.WELD), ())
+    weld = robot_function(
+        "constraint_forces", linkages.closed_chain(ClosureKind.WELD), ()
+    )
     assert len(weld.axes[0]) == 6
-    assert [a.name for a in weld.arguments] == ["q", "qd", "qdd", "standard_parameters", "symbols"]
+    assert [a.name for a in weld.arguments] == [
+        "q",
+        "qd",
+        "qdd",
+        "standard_parameters",
+        "symbols",
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -232,10 +325,14 @@ class Simulated:
         order = {name: k for k, name in enumerate(mechanism.velocities)}
         self.dofs: list[int] = []
         for k, name in enumerate(names):
-            several = {mujoco.mjtJoint.mjJNT_FREE: ("tx", "ty", "tz", "r.x", "r.y", "r.z")}
+            several = {
+                mujoco.mjtJoint.mjJNT_FREE: ("tx", "ty", "tz", "r.x", "r.y", "r.z")
+            }
             several[mujoco.mjtJoint.mjJNT_BALL] = ("x", "y", "z")
             parts = several.get(mujoco.mjtJoint(model.jnt_type[k]), ())
-            self.dofs += [order[f"{name}.{part}"] for part in parts] if parts else [order[name]]
+            self.dofs += (
+                [order[f"{name}.{part}"] for part in parts] if parts else [order[name]]
+            )
 
     def at(self, q: FloatArray, qd: FloatArray) -> None:
         """Both list coordinates in the order of bodies, quaternions with w first."""
@@ -266,33 +363,56 @@ def test_a_biped_moves_as_in_mujoco(biped: tuple[Mechanism, mujoco.MjModel]) -> 
     functions = Functions(mechanism, zeta)
     q, qd, _ = closed_states(mechanism, 2)
     state = {"q": q, "qd": qd[:, free]}
-    mass, held = functions("mass_matrix", **state), functions("coriolis", **state) + functions("gravity", **state)
+    mass, held = (
+        functions("mass_matrix", **state),
+        functions("coriolis", **state) + functions("gravity", **state),
+    )
     bound = [k for k in range(len(mechanism.velocities)) if k not in free]
     h = 1e-5
     for sample in range(len(q)):
         opened = []
         for sign in (1, -1):
-            there = q[sample] + sign * h * position_rates(mechanism, q[sample][None], qd[sample][None])[0]
+            there = (
+                q[sample]
+                + sign
+                * h
+                * position_rates(mechanism, q[sample][None], qd[sample][None])[0]
+            )
             simulated.at(normalised(mechanism, there[None])[0], qd[sample])
             opened.append(simulated.jacobian() @ qd[sample])
         simulated.at(q[sample], qd[sample])
         jacobian, tree = simulated.jacobian(), simulated.mass()
         G = np.zeros((len(mechanism.velocities), len(free)))
         G[free] = np.eye(len(free))
-        G[bound] = -np.linalg.lstsq(jacobian[:, bound], jacobian[:, free], rcond=1e-9)[0]
+        G[bound] = -np.linalg.lstsq(jacobian[:, bound], jacobian[:, free], rcond=1e-9)[
+            0
+        ]
         close(mass[sample], G.T @ tree @ G, 1e-7)
         extra = np.zeros(len(mechanism.velocities))
-        extra[bound] = -np.linalg.lstsq(jacobian[:, bound], (opened[0] - opened[1]) / (2 * h), rcond=1e-9)[0]
-        close(held[sample], G.T @ (simulated.ours(simulated.data.qfrc_bias) + tree @ extra), 1e-6)
+        extra[bound] = -np.linalg.lstsq(
+            jacobian[:, bound], (opened[0] - opened[1]) / (2 * h), rcond=1e-9
+        )[0]
+        close(
+            held[sample],
+            G.T @ (simulated.ours(simulated.data.qfrc_bias) + tree @ extra),
+            1e-6,
+        )
 
 
 @pytest.mark.parametrize("mechanism", ALL[::3])
 def test_positions_are_closed_by_newton_steps(mechanism: Mechanism | str) -> None:
     mechanism = made(mechanism)
-    functions, assembly = Functions(mechanism, random_parameters(mechanism)), Assembly(mechanism)
+    functions, assembly = (
+        Functions(mechanism, random_parameters(mechanism)),
+        Assembly(mechanism),
+    )
     q = regular_states(functions, 5)[0]
-    away = normalised(mechanism, q + np.random.default_rng(2).uniform(-1e-2, 1e-2, q.shape))
-    if all("." not in n for n in mechanism.independent_velocities):  # a part of a ball cannot be held
+    away = normalised(
+        mechanism, q + np.random.default_rng(2).uniform(-1e-2, 1e-2, q.shape)
+    )
+    if all(
+        "." not in n for n in mechanism.independent_velocities
+    ):  # a part of a ball cannot be held
         held = [mechanism.positions.index(n) for n in assembly.independent_positions]
         away[:, held] = q[:, held]
     for _ in range(4):
@@ -312,14 +432,18 @@ def test_singular_positions_have_no_pivot() -> None:
     assert functions("closure_pivots", q=q).min() < 1e-14
     assert functions("closure_pivots", q=closed_states(mechanism, 6)[0]).min() > 1e-4
     base = ec.base_parameters(mechanism)
-    with pytest.raises(InputError, match=r"sample 0 is a singular configuration.*'(crank|coupler)'"):
+    with pytest.raises(
+        InputError, match=r"sample 0 is a singular configuration.*'(crank|coupler)'"
+    ):
         base.mass_matrix(q, np.ones(base.rank))
 
 
 @pytest.mark.parametrize("name", LOOP_FUNCTIONS)
 def test_trees_have_no_functions_of_loops(name: str) -> None:
     tree = ec.load("examples/double_pendulum.yaml")
-    with pytest.raises(InputError, match=f"{name} is a function of mechanisms with loops"):
+    with pytest.raises(
+        InputError, match=f"{name} is a function of mechanisms with loops"
+    ):
         robot_function(name, tree, ())
 
 
@@ -328,14 +452,20 @@ CALLS: dict[str, Callable[[ec.BaseModel, FloatArray], FloatArray]] = {
     "gravity": lambda base, z: base.gravity([[0.9]], z),
     "coriolis": lambda base, z: base.coriolis([[0.9]], [[2.0]], z),
     "effects": lambda base, z: base.effects([[0.9]], [[2.0]], z),
-    "derivatives": lambda base, z: base.inverse_dynamics_derivatives([[0.9]], [[2.0]], [[3.0]], z)[0],
-    "forces": lambda base, _: base.constraint_forces([[0.9]], [[2.0]], [[3.0]], np.ones(30)),
+    "derivatives": lambda base, z: base.inverse_dynamics_derivatives(
+        [[0.9]], [[2.0]], [[3.0]], z
+    )[0],
+    "forces": lambda base, _: base.constraint_forces(
+        [[0.9]], [[2.0]], [[3.0]], np.ones(30)
+    ),
     "entries": lambda base, _: base.regressor_entries([[0.9]], [[2.0]], [[3.0]]),
 }
 
 
 @pytest.mark.parametrize("call", CALLS.values(), ids=CALLS.keys())
-def test_base_models_take_independent_states(call: Callable[[ec.BaseModel, FloatArray], FloatArray]) -> None:
+def test_base_models_take_independent_states(
+    call: Callable[[ec.BaseModel, FloatArray], FloatArray],
+) -> None:
     base = four_bar()
     found = call(base, np.linspace(0.1, 0.8, base.rank))
     assert found.shape[0] == 1

@@ -84,7 +84,10 @@ def test_meaning(text: str) -> None:
         ("__import__('os')", "not allowed"),
         ("1" * 2001, "too long"),
         ("1 + " * 300_000 + "1", "too long"),
-        ("(1 + D3 + RL4 + alpha)^32*(1 + D3 + RL4 + alpha)^32", "more than 20000 terms"),
+        (
+            "(1 + D3 + RL4 + alpha)^32*(1 + D3 + RL4 + alpha)^32",
+            "more than 20000 terms",
+        ),
         ("((1 + D3 + RL4 + alpha)^32)^32", "more than 20000 terms"),
         ("(((9^32)^32)^32)^32", "more than 20000 bits"),
         ("(D3/1e299)^32", "more than 20000 bits"),
@@ -98,7 +101,10 @@ def test_refusals(text: str, reason: str) -> None:
         parse(text, SYMBOLS)
 
 
-@pytest.mark.parametrize("term", ["D3", "2*D3*(RL4 - 3 + alpha)/7", "D3*(-cos(alpha) - (1 - RL4))", "RL4 * -2"])
+@pytest.mark.parametrize(
+    "term",
+    ["D3", "2*D3*(RL4 - 3 + alpha)/7", "D3*(-cos(alpha) - (1 - RL4))", "RL4 * -2"],
+)
 @pytest.mark.parametrize("signs", ["+-", "-"])
 def test_a_long_sum_is_the_sum_of_its_terms(term: str, signs: str) -> None:
     text = "1" + "".join(f" {signs[k % len(signs)]} {term}" for k in range(1201))
@@ -119,7 +125,10 @@ def test_without_a_list_any_symbol_may_occur() -> None:
         ("-pi/2", Angle(Fraction(-1, 2))),
         ("2*alpha - pi/6", Angle(Fraction(-1, 6), (("alpha", 2),))),
         ("1.5708", Angle(radians=Fraction("1.5708"))),
-        ("(pi + beta - 1)/2", Angle(Fraction(1, 2), (("beta", Fraction(1, 2)),), Fraction(-1, 2))),
+        (
+            "(pi + beta - 1)/2",
+            Angle(Fraction(1, 2), (("beta", Fraction(1, 2)),), Fraction(-1, 2)),
+        ),
     ],
 )
 def test_angles(text: str, angle: Angle) -> None:
@@ -127,7 +136,9 @@ def test_angles(text: str, angle: Angle) -> None:
     assert parse_angle(str(angle)) == angle
 
 
-@pytest.mark.parametrize("text", ["pi^2", "pi*alpha", "alpha*beta", "sqrt(2)*pi", "cos(alpha)"])
+@pytest.mark.parametrize(
+    "text", ["pi^2", "pi*alpha", "alpha*beta", "sqrt(2)*pi", "cos(alpha)"]
+)
 def test_other_text_is_no_angle(text: str) -> None:
     with pytest.raises(ValueError, match="is not an angle"):
         parse_angle(text)
@@ -139,12 +150,22 @@ def test_exact_sine_and_cosine(steps: int, a: int, b: int) -> None:
     point = {"a": 0.3, "b": -1.1}
     value = float(steps * sympy.pi / 12) + a * point["a"] + b * point["b"]
     assert angle.is_exact
-    for ours, theirs in ((angle.cos(), sympy.cos(value)), (angle.sin(), sympy.sin(value))):
-        assert float(in_sympy(ours).subs(point)) == pytest.approx(float(theirs), abs=1e-9)
+    for ours, theirs in (
+        (angle.cos(), sympy.cos(value)),
+        (angle.sin(), sympy.sin(value)),
+    ):
+        assert float(in_sympy(ours).subs(point)) == pytest.approx(
+            float(theirs), abs=1e-9
+        )
 
 
 @pytest.mark.parametrize(
-    "angle", [Angle(Fraction(1, 5)), Angle(radians=Fraction(1)), Angle(parts=(("a", Fraction(1, 2)),))]
+    "angle",
+    [
+        Angle(Fraction(1, 5)),
+        Angle(radians=Fraction(1)),
+        Angle(parts=(("a", Fraction(1, 2)),)),
+    ],
 )
 def test_an_inexact_angle_says_what_would_be_exact(angle: Angle) -> None:
     assert not angle.is_exact
@@ -155,6 +176,8 @@ def test_an_inexact_angle_says_what_would_be_exact(angle: Angle) -> None:
 def test_parts_of_a_quotient_may_be_beyond_doubles() -> None:
     """Sets have them where frames of a file were made exact; values that no double comes near to are refused."""
     large = 10**400
-    assert parse(f"{3 * large + 1}/{large}") == Polynomial.constant(Fraction(3 * large + 1, large))
+    assert parse(f"{3 * large + 1}/{large}") == Polynomial.constant(
+        Fraction(3 * large + 1, large)
+    )
     with pytest.raises(ValueError, match="beyond the range of double precision"):
         parse(f"{large}*L")

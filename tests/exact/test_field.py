@@ -38,7 +38,9 @@ ROOT2, ROOT3 = surd(0, 1, 0, 0), surd(0, 0, 1, 0)
 def extremes(field: PrimeField) -> Residues:
     """Residues that come closest to overflow, and a few others."""
     p = field.p
-    return np.array([0, 1, 2, 12345, p // 2, p // 2 + 1, p - 2, p - 1], dtype=field.dtype)
+    return np.array(
+        [0, 1, 2, 12345, p // 2, p // 2 + 1, p - 2, p - 1], dtype=field.dtype
+    )
 
 
 @pytest.mark.parametrize("bits", [ARRAY_BITS, CERTIFICATE_BITS])
@@ -46,7 +48,9 @@ def test_random_primes(bits: int) -> None:
     rng = np.random.default_rng(1)
     primes = [random_prime(rng, bits) for _ in range(20)]
     assert len(set(primes)) == 20
-    assert all(sympy.isprime(p) and p % 24 == 23 and p.bit_length() == bits for p in primes)
+    assert all(
+        sympy.isprime(p) and p % 24 == 23 and p.bit_length() == bits for p in primes
+    )
 
 
 @both_fields
@@ -75,7 +79,10 @@ def test_embedding_is_a_homomorphism(x: Number, y: Number, field: PrimeField) ->
 
 def test_a_denominator_divisible_by_the_prime_is_degenerate() -> None:
     p = SMALL_FIELD.p
-    for action in (lambda: SMALL_FIELD.embed(Fraction(1, 3 * p)), lambda: SMALL_FIELD.invert(5 * p)):
+    for action in (
+        lambda: SMALL_FIELD.embed(Fraction(1, 3 * p)),
+        lambda: SMALL_FIELD.invert(5 * p),
+    ):
         with pytest.raises(DegenerateSampleError):
             action()
 
@@ -122,7 +129,9 @@ def test_sphere(field: PrimeField, dimension: int) -> None:
     x = field.sphere(t)
     assert x.shape == (dimension + 1, t.shape[1])
     assert x.dtype == field.dtype
-    assert [sum(int(v) ** 2 for v in column) % field.p for column in x.T] == [1] * t.shape[1]
+    assert [sum(int(v) ** 2 for v in column) % field.p for column in x.T] == [
+        1
+    ] * t.shape[1]
 
 
 def test_sphere_has_points_at_infinity() -> None:
@@ -135,7 +144,9 @@ def test_sphere_has_points_at_infinity() -> None:
 
 @both_fields
 @pytest.mark.parametrize("count", [0, 1, -1, 2, 3, -4, 7, 64, 1000])
-def test_multiple_angles_are_chebyshev_polynomials(field: PrimeField, count: int) -> None:
+def test_multiple_angles_are_chebyshev_polynomials(
+    field: PrimeField, count: int
+) -> None:
     p = field.p
     c, s = field.circle(extremes(field))
     ours = field.multiply_angle((c, s), count)
@@ -152,8 +163,12 @@ def test_multiple_angles_are_chebyshev_polynomials(field: PrimeField, count: int
 @given(a=st.integers(-20, 20), b=st.integers(-20, 20))
 def test_angles_add(field: PrimeField, a: int, b: int) -> None:
     point = field.circle(extremes(field))
-    multiple: Callable[[int], tuple[Residues, Residues]] = lambda n: field.multiply_angle(point, n)  # noqa: E731
-    for ours, expected in zip(field.add_angles(multiple(a), multiple(b)), multiple(a + b), strict=True):
+    multiple: Callable[[int], tuple[Residues, Residues]] = lambda n: (
+        field.multiply_angle(point, n)
+    )
+    for ours, expected in zip(
+        field.add_angles(multiple(a), multiple(b)), multiple(a + b), strict=True
+    ):
         assert ours.tolist() == expected.tolist()
 
 
@@ -165,7 +180,10 @@ def test_only_small_fields_use_machine_integers() -> None:
 def of_rank(r: int, rows: int, columns: int, *, lead: int = 0) -> Residues:
     """A random matrix of known rank; its first ``lead`` columns are zero."""
     rng = np.random.default_rng([r, rows, columns])
-    left, right = (SMALL_FIELD.draw(rng, shape).astype(object) for shape in ((rows, r), (r, columns)))
+    left, right = (
+        SMALL_FIELD.draw(rng, shape).astype(object)
+        for shape in ((rows, r), (r, columns))
+    )
     right[:, :lead] = 0
     product: Residues = (left.dot(right) % SMALL_FIELD.p).astype(np.int64)
     return product
@@ -192,14 +210,19 @@ def sympy_echelon(matrix: Residues) -> tuple[list[list[int]], list[int]]:
     domain = GF(SMALL_FIELD.p, symmetric=False)
     rows = [[domain(x) for x in row] for row in matrix.tolist()]
     reduced, pivots = DomainMatrix(rows, matrix.shape, domain).rref()
-    return [[int(x) % SMALL_FIELD.p for x in row] for row in reduced.to_list()], list(pivots)
+    return [[int(x) % SMALL_FIELD.p for x in row] for row in reduced.to_list()], list(
+        pivots
+    )
 
 
 @every_matrix
 def test_echelon_form_and_rank_agree_with_sympy(matrix: Residues) -> None:
     reduced, pivots = reduced_echelon(matrix, SMALL_FIELD)
     rows, columns = matrix.shape
-    assert ([[int(reduced[i, j]) for j in range(columns)] for i in range(rows)], pivots) == sympy_echelon(matrix)
+    assert (
+        [[int(reduced[i, j]) for j in range(columns)] for i in range(rows)],
+        pivots,
+    ) == sympy_echelon(matrix)
     assert rank(matrix, SMALL_FIELD) == len(pivots)
 
 
@@ -209,31 +232,51 @@ def test_null_vectors(matrix: Residues) -> None:
     free = sorted(set(range(matrix.shape[1])) - set(sympy_echelon(matrix)[1]))
     assert len(basis) == len(free)
     for vector, column in zip(basis, free, strict=True):
-        assert not (matrix.astype(object).dot(np.array(vector, dtype=object)) % SMALL_FIELD.p).any()
+        assert not (
+            matrix.astype(object).dot(np.array(vector, dtype=object)) % SMALL_FIELD.p
+        ).any()
         assert [vector[f] for f in free] == [int(f == column) for f in free]
 
 
-def systems(field: PrimeField, equations: int, unknowns: int, sides: int) -> tuple[Residues, Residues, Residues]:
+def systems(
+    field: PrimeField, equations: int, unknowns: int, sides: int
+) -> tuple[Residues, Residues, Residues]:
     """Ten systems with known solutions; the first needs its rows exchanged at every step."""
     rng = np.random.default_rng(4)
-    left, x = (field.draw(rng, (10, n, m)).astype(object) for n, m in ((equations, unknowns), (unknowns, sides)))
+    left, x = (
+        field.draw(rng, (10, n, m)).astype(object)
+        for n, m in ((equations, unknowns), (unknowns, sides))
+    )
     left[0] = np.eye(equations, unknowns, dtype=object)[::-1] * (field.p - 1)
-    return left.astype(field.dtype), (np.matmul(left, x) % field.p).astype(field.dtype), x.astype(field.dtype)
+    return (
+        left.astype(field.dtype),
+        (np.matmul(left, x) % field.p).astype(field.dtype),
+        x.astype(field.dtype),
+    )
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
-@pytest.mark.parametrize("shape", [(1, 1, 1), (4, 4, 2), (7, 4, 3), (5, 5, 0), (3, 0, 2)])
-def test_batches_of_systems_are_solved(field: PrimeField, shape: tuple[int, int, int]) -> None:
+@pytest.mark.parametrize(
+    "shape", [(1, 1, 1), (4, 4, 2), (7, 4, 3), (5, 5, 0), (3, 0, 2)]
+)
+def test_batches_of_systems_are_solved(
+    field: PrimeField, shape: tuple[int, int, int]
+) -> None:
     left, right, x = systems(field, *shape)
     if shape[0] > shape[1]:
-        left[0, : shape[1]], right[0, : shape[1]] = left[1, : shape[1]], right[1, : shape[1]]
+        left[0, : shape[1]], right[0, : shape[1]] = (
+            left[1, : shape[1]],
+            right[1, : shape[1]],
+        )
         left[0], right[0], x[0] = left[1], right[1], x[1]
     assert np.array_equal(solve_batched(left, right, field), x)
 
 
 def test_an_empty_batch_has_an_empty_solution() -> None:
     empty = np.zeros((0, 3, 2), dtype=np.int64)
-    assert solve_batched(empty, np.zeros((0, 3, 1), dtype=np.int64), SMALL_FIELD).shape == (0, 2, 1)
+    assert solve_batched(
+        empty, np.zeros((0, 3, 1), dtype=np.int64), SMALL_FIELD
+    ).shape == (0, 2, 1)
 
 
 @pytest.mark.parametrize("field", [SMALL_FIELD, LARGE_FIELD], ids=["small", "large"])
@@ -251,4 +294,8 @@ def test_one_bad_system_spoils_the_batch(field: PrimeField) -> None:
 
 def test_too_few_equations_are_degenerate() -> None:
     with pytest.raises(DegenerateSampleError, match="dependent"):
-        solve_batched(np.ones((2, 1, 2), dtype=np.int64), np.ones((2, 1, 1), dtype=np.int64), SMALL_FIELD)
+        solve_batched(
+            np.ones((2, 1, 2), dtype=np.int64),
+            np.ones((2, 1, 1), dtype=np.int64),
+            SMALL_FIELD,
+        )

@@ -37,12 +37,25 @@ log: {time: t, position: "q_{n}", output: "tau_{n}"}
 def write_log(file: Path, **changes: Any) -> Path:
     """A log of a double pendulum whose outputs are plausible; columns may be replaced."""
     t = np.arange(1500) / 200
-    q = [0.8 * np.sin(1.3 * t) + 0.3 * np.cos(3.1 * t), 0.9 * np.cos(1.7 * t) - 0.2 * np.sin(4.3 * t)]
+    q = [
+        0.8 * np.sin(1.3 * t) + 0.3 * np.cos(3.1 * t),
+        0.9 * np.cos(1.7 * t) - 0.2 * np.sin(4.3 * t),
+    ]
     rng = np.random.default_rng(3)
     tau = [np.cos(q[0]) - 3 * np.sin(2 * t) + 0.05 * rng.normal(size=t.size) for _ in q]
-    columns = {"t": t, "q_1": q[0], "q_2": q[1], "tau_1": tau[0], "tau_2": tau[1]} | changes
-    table = np.column_stack([np.broadcast_to(column, t.shape) for column in columns.values()])
-    np.savetxt(file, table, delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
+    columns = {
+        "t": t,
+        "q_1": q[0],
+        "q_2": q[1],
+        "tau_1": tau[0],
+        "tau_2": tau[1],
+    } | changes
+    table = np.column_stack(
+        [np.broadcast_to(column, t.shape) for column in columns.values()]
+    )
+    np.savetxt(
+        file, table, delimiter=",", header=",".join(columns), comments="", fmt="%.17g"
+    )
     return file
 
 
@@ -51,7 +64,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A set-up, and a model identified with it."""
     folder = tmp_path_factory.mktemp("pendulum")
     (folder / "setup.yaml").write_text(SETUP)
-    result = ec.identify(ec.load_setup(folder / "setup.yaml"), [write_log(folder / "run.csv")])
+    result = ec.identify(
+        ec.load_setup(folder / "setup.yaml"), [write_log(folder / "run.csv")]
+    )
     ec.save_identification(result, folder / "model.json")
     return folder
 
@@ -61,8 +76,13 @@ def still(noise: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0**-53])
-def test_what_only_a_joint_at_rest_would_show_is_not_seen(folder: Path, tmp_path: Path, noise: float) -> None:
-    result = ec.identify(ec.load_setup(folder / "setup.yaml"), [write_log(tmp_path / "run.csv", q_1=still(noise))])
+def test_what_only_a_joint_at_rest_would_show_is_not_seen(
+    folder: Path, tmp_path: Path, noise: float
+) -> None:
+    result = ec.identify(
+        ec.load_setup(folder / "setup.yaml"),
+        [write_log(tmp_path / "run.csv", q_1=still(noise))],
+    )
     estimate = result.estimate
     values = dict(zip(estimate.parameters, estimate.values, strict=True))
     assert values["ZZ1"] == 0
@@ -86,7 +106,9 @@ def test_columns_of_rounding_are_zero() -> None:
 
 @pytest.mark.parametrize("level", [0.0, 5.0, 1e-300])
 def test_a_constant_output_has_no_r_squared(level: float) -> None:
-    measured = np.full(300, level) * (1 + 1e-16 * np.random.default_rng(0).normal(size=300))
+    measured = np.full(300, level) * (
+        1 + 1e-16 * np.random.default_rng(0).normal(size=300)
+    )
     found = fit(measured, measured + 0.5)
     assert found.rms == pytest.approx(0.5)
     assert np.isnan(found.r2)
@@ -110,7 +132,9 @@ def test_a_constant_output_has_no_r_squared(level: float) -> None:
         (("columns", 0), None),
     ],
 )
-def test_an_identified_model_is_typed_by_its_schema(folder: Path, tmp_path: Path, path: Any, value: Any) -> None:
+def test_an_identified_model_is_typed_by_its_schema(
+    folder: Path, tmp_path: Path, path: Any, value: Any
+) -> None:
     document = json.loads((folder / "model.json").read_text())
     inner = document
     for key in path[:-1]:
@@ -123,9 +147,13 @@ def test_an_identified_model_is_typed_by_its_schema(folder: Path, tmp_path: Path
 
 def test_values_of_other_parameters_are_refused(folder: Path, tmp_path: Path) -> None:
     document = json.loads((folder / "model.json").read_text())
-    document["values"] = dict(zip(reversed(document["values"]), document["values"].values(), strict=True))
+    document["values"] = dict(
+        zip(reversed(document["values"]), document["values"].values(), strict=True)
+    )
     (tmp_path / "model.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match="the values are not those of the base parameters"):
+    with pytest.raises(
+        InputError, match="the values are not those of the base parameters"
+    ):
         load_identified(tmp_path / "model.json")
 
 
@@ -133,7 +161,9 @@ def test_records_keep_what_they_say(folder: Path) -> None:
     document = json.loads((folder / "model.json").read_text())
     loaded = load_identified(folder / "model.json")
     assert [asdict(columns) for columns in loaded.columns] == document["columns"]
-    prepared = Preparation.model_validate(document["preparation"] | {"band": "inf", "measured": ["qd"]})
+    prepared = Preparation.model_validate(
+        document["preparation"] | {"band": "inf", "measured": ["qd"]}
+    )
     assert (prepared.band, prepared.measured) == (float("inf"), ("qd",))
 
 
@@ -156,7 +186,9 @@ def test_stamps_that_no_clock_says(seconds: int) -> None:
     + [(("coefficients", "j1", "sin", 0), value) for value in (1e300, -1e300, 1e30)]
     + [(("coefficients", "j1", "constant"), 10**400)],
 )
-def test_trajectories_that_no_robot_follows(tmp_path: Path, path: Any, value: Any) -> None:
+def test_trajectories_that_no_robot_follows(
+    tmp_path: Path, path: Any, value: Any
+) -> None:
     document = trajectory_to_json(smooth())
     inner = document["motion"]
     for key in path[:-1]:
@@ -168,13 +200,25 @@ def test_trajectories_that_no_robot_follows(tmp_path: Path, path: Any, value: An
 
 
 @pytest.mark.parametrize("change", [(1e300, 1), (1e-300, 1), (1, 1e300)])
-def test_sampled_trajectories_that_no_robot_follows(tmp_path: Path, change: tuple[float, float]) -> None:
+def test_sampled_trajectories_that_no_robot_follows(
+    tmp_path: Path, change: tuple[float, float]
+) -> None:
     t = np.arange(50) / 25
     q = np.column_stack([np.sin(t), np.cos(t)]) * change[1]
     t = t * change[0]
     names = ",".join(["t", *(f"q_{name}" for name in NAMES)])
-    np.savetxt(tmp_path / "run.csv", np.column_stack([t, q]), delimiter=",", header=names, comments="", fmt="%.17g")
-    with pytest.raises(InputError, match=r"run\.csv: .*(a finite number up to|must rise|beyond what a robot can do)"):
+    np.savetxt(
+        tmp_path / "run.csv",
+        np.column_stack([t, q]),
+        delimiter=",",
+        header=names,
+        comments="",
+        fmt="%.17g",
+    )
+    with pytest.raises(
+        InputError,
+        match=r"run\.csv: .*(a finite number up to|must rise|beyond what a robot can do)",
+    ):
         read_trajectory(tmp_path / "run.csv", NAMES, UNITS)
 
 
@@ -192,8 +236,12 @@ def crossed_arms() -> str:
             inner = f'<body name="{name}{k}" {place}><joint axis="{axis}"/><geom size="0.05"/>{inner}</body>'
         return inner
 
-    arms = arm("a", ("0 1 0", "1 0 0", "0 0 1", "0 1 0")) + arm("b", ("1 0 0", "0 0 1", "1 1 0", "0 1 0"))
-    return f"<mujoco><worldbody>{arms}</worldbody><equality>{CROSSED}</equality></mujoco>"
+    arms = arm("a", ("0 1 0", "1 0 0", "0 0 1", "0 1 0")) + arm(
+        "b", ("1 0 0", "0 0 1", "1 1 0", "0 1 0")
+    )
+    return (
+        f"<mujoco><worldbody>{arms}</worldbody><equality>{CROSSED}</equality></mujoco>"
+    )
 
 
 @pytest.mark.slow
@@ -202,8 +250,13 @@ def test_the_search_for_closed_poses_ends(tmp_path: Path) -> None:
     (tmp_path / "robot.xml").write_text(crossed_arms())
     mechanism = ec.load(tmp_path / "robot.xml")
     assert mechanism.closed_in_balls
-    with pytest.raises(SingularPoseError, match="no random point within the budget of the search has a solution"):
-        find_structure(replace(mechanism, closed_in_balls=False), np.random.default_rng(1), 100.0)
+    with pytest.raises(
+        SingularPoseError,
+        match="no random point within the budget of the search has a solution",
+    ):
+        find_structure(
+            replace(mechanism, closed_in_balls=False), np.random.default_rng(1), 100.0
+        )
 
 
 def test_subsets_of_sensors_have_a_budget() -> None:

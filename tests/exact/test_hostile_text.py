@@ -44,7 +44,15 @@ NOT_TEXT = {
     "1 + l²": "digit U\\+00B2",
     "__import__('os').system('id')": "not (allowed|an expression)",
 }
-BEYOND = ["1e400", "-1e999", "1e-400", "1e200*1e200", "1e-200/1e200", "1e99999999999", "sqrt(2)*1e308*10"]
+BEYOND = [
+    "1e400",
+    "-1e999",
+    "1e-400",
+    "1e200*1e200",
+    "1e-200/1e200",
+    "1e99999999999",
+    "sqrt(2)*1e308*10",
+]
 
 DESCRIPTION = """echelon: 1
 name: pendulum
@@ -66,10 +74,19 @@ def test_an_expression_is_one_line_that_counts(text: str) -> None:
         parse(text)
 
 
-@pytest.mark.parametrize("text", [t for t, problem in NOT_TEXT.items() if "allowed" not in problem and "\\\n" not in t])
+@pytest.mark.parametrize(
+    "text",
+    [
+        t
+        for t, problem in NOT_TEXT.items()
+        if "allowed" not in problem and "\\\n" not in t
+    ],
+)
 def test_every_reader_of_expressions_refuses_the_same(text: str) -> None:
     with pytest.raises(InputError, match=NOT_TEXT[text]):
-        record_expression(f"x + {text}", {"x": Program().input("x")}, "effect", Program())
+        record_expression(
+            f"x + {text}", {"x": Program().input("x")}, "effect", Program()
+        )
     if "²" not in text:  # which claims may hold, for powers
         with pytest.raises(ValueError, match=NOT_TEXT[text]):
             LinearReader(lambda name: name, Polynomial.generator).read(f"M1 + {text}")
@@ -89,14 +106,31 @@ def test_numbers_beyond_doubles_are_refused(text: str) -> None:
 
 @pytest.mark.parametrize(
     ("number", "inside"),
-    [(0, True), (10**308, True), (10**309, False), (surd(0, 10**309, 0, 0), False), (surd(1, -1, 0, 0), True)],
+    [
+        (0, True),
+        (10**308, True),
+        (10**309, False),
+        (surd(0, 10**309, 0, 0), False),
+        (surd(1, -1, 0, 0), True),
+    ],
 )
 def test_the_range_of_doubles(number: Any, inside: bool) -> None:
     assert in_double_range(number) is inside
 
 
 @pytest.mark.parametrize(
-    "value", ["1e308", "1e400", "1e999", "1e200", "1e-308", ".inf", "'0.3 # x'", '"0.3\\e[31m"', "٣"]
+    "value",
+    [
+        "1e308",
+        "1e400",
+        "1e999",
+        "1e200",
+        "1e-308",
+        ".inf",
+        "'0.3 # x'",
+        '"0.3\\e[31m"',
+        "٣",
+    ],
 )
 def test_descriptions_name_the_symbol(tmp_path: Path, value: str) -> None:
     file = tmp_path / "robot.yaml"
@@ -117,7 +151,16 @@ def test_robot_files_name_the_element(tmp_path: Path, attack: tuple[str, str]) -
 
 
 @pytest.mark.parametrize(
-    "gravity", ["0,0,1e400", "0,0,1e308", "0,0,1e-308", "0,0,inf", "0,0,-9.81 # down", "0,0,９", "0,0,nan"]
+    "gravity",
+    [
+        "0,0,1e400",
+        "0,0,1e308",
+        "0,0,1e-308",
+        "0,0,inf",
+        "0,0,-9.81 # down",
+        "0,0,９",
+        "0,0,nan",
+    ],
 )
 def test_gravity_is_checked(gravity: str) -> None:
     with pytest.raises(InputError, match="gravity: "):
@@ -135,7 +178,9 @@ def test_constants_of_models_are_read_like_expressions(value: str) -> None:
         constant_values({"m": value})
 
 
-@pytest.mark.parametrize("text", ['{"M1": 1e999}', '{"M1": true}', "M1,1e400", "M1,٣", '{"M1": "0.3 # x"}'])
+@pytest.mark.parametrize(
+    "text", ['{"M1": 1e999}', '{"M1": true}', "M1,1e400", "M1,٣", '{"M1": "0.3 # x"}']
+)
 def test_values_of_parameters_are_finite(tmp_path: Path, text: str) -> None:
     file = tmp_path / "values.txt"
     file.write_text(text, encoding="utf-8")
@@ -144,7 +189,8 @@ def test_values_of_parameters_are_finite(tmp_path: Path, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "whole"), [("12", True), ("²", False), ("٣", False), ("-1", False), ("9" * 30, False)]
+    ("text", "whole"),
+    [("12", True), ("²", False), ("٣", False), ("-1", False), ("9" * 30, False)],
 )
 def test_whole_numbers_have_ascii_digits(text: str, whole: bool) -> None:
     assert is_whole(text) is whole
@@ -169,7 +215,8 @@ def test_exact_values_are_read_and_never_evaluated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("exact", "shown"), [("2*pi/3", r"\tfrac{2}{3}\,\pi"), ("0.3", "0.3"), ("1e-3", r"\tfrac{1}{1000}")]
+    ("exact", "shown"),
+    [("2*pi/3", r"\tfrac{2}{3}\,\pi"), ("0.3", "0.3"), ("1e-3", r"\tfrac{1}{1000}")],
 )
 def test_latex_shows_values_as_formulas(exact: str, shown: str) -> None:
     assert f"l_{{1}} = {shown}$" in to_latex(with_exact(exact))
@@ -183,14 +230,22 @@ def test_latex_refuses_what_is_no_expression() -> None:
 def test_terminals_and_json_get_printable_characters() -> None:
     name = "é\x9b31m\u202e"
     assert visible(f"{name}\nsecond") == "é\\u009b31m\\u202e\nsecond"
-    assert json.loads(visible(json.dumps({"n": name}, ensure_ascii=False))) == {"n": name}
+    assert json.loads(visible(json.dumps({"n": name}, ensure_ascii=False))) == {
+        "n": name
+    }
 
 
 @pytest.mark.parametrize("arguments", [(), ("--json",), ("-f", "latex"), ("-f", "markdown"), ("--rank-only",),
                                        ("--regressor", "sympy")])  # fmt: skip
-def test_names_from_files_reach_no_terminal_as_codes(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+def test_names_from_files_reach_no_terminal_as_codes(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
     name, part = "*/ \x9b31m\u202e $x$ {0} &lt;b&gt; %", "/ $x$ {0} &lt;b&gt; %"
-    text = URDF.replace('"r"', f'"{name}"').replace('"a"', f'"{part}"').replace('"j1"', f'"2{part}"')
+    text = (
+        URDF.replace('"r"', f'"{name}"')
+        .replace('"a"', f'"{part}"')
+        .replace('"j1"', f'"2{part}"')
+    )
     (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
     done = CliRunner().invoke(app, ["derive", str(tmp_path / "robot.urdf"), *arguments])
     assert (done.exit_code, done.stderr) == (0, "")
@@ -211,7 +266,9 @@ def test_markdown_escapes_formulas() -> None:
         ("cos(q[*/ x])", (1, "q[*/ x]")),
     ],
 )
-def test_names_with_stars_are_no_multiples(generator: str, found: tuple[int, str]) -> None:
+def test_names_with_stars_are_no_multiples(
+    generator: str, found: tuple[int, str]
+) -> None:
     assert multiple_of(generator) == found
 
 
@@ -255,9 +312,13 @@ def symbol(value: str) -> Any:
     (coefficient("1e999"), (2, 2)), (coefficient("1 # x"), (2, 2)), (symbol("0"), (2, 2)), (symbol("0*pi"), (2, 2)),
     (symbol("1e-320"), (2, 2)),
 ])  # fmt: skip
-def test_zeros_and_numbers_out_of_range_in_saved_sets(tmp_path: Path, change: Any, codes: tuple[int, int]) -> None:
+def test_zeros_and_numbers_out_of_range_in_saved_sets(
+    tmp_path: Path, change: Any, codes: tuple[int, int]
+) -> None:
     file = saved(tmp_path, change)
-    for arguments, code in zip((["verify"], ["generate", "-o", str(tmp_path / "out")]), codes, strict=True):
+    for arguments, code in zip(
+        (["verify"], ["generate", "-o", str(tmp_path / "out")]), codes, strict=True
+    ):
         done = CliRunner().invoke(app, [*arguments, str(file)])
         refused = isinstance(done.exception, InputError)
         assert (2 if refused else done.exit_code) == code
@@ -270,4 +331,7 @@ def test_a_zero_in_a_denominator_is_named() -> None:
     with pytest.raises(InputError, match="denominator l1 is zero"):
         base.B_float({"l1": 0.0})
     with pytest.raises(InputError, match="zero at the values of the symbols"):
-        _ = replace(base, mechanism=replace(base.mechanism, symbols={"l1": Symbol("l1", 0.0, "0")})).B_exact
+        _ = replace(
+            base,
+            mechanism=replace(base.mechanism, symbols={"l1": Symbol("l1", 0.0, "0")}),
+        ).B_exact

@@ -36,7 +36,10 @@ def test_fractions_come_back(data: st.DataObject, count: int) -> None:
     bits = 31 * count - 20  # the margin of belief and a little more
     numerator_bits = data.draw(st.integers(0, bits))
     bound, denominator_bound = 1 << numerator_bits, 1 << (bits - numerator_bits)
-    x = Fraction(data.draw(st.integers(-bound, bound)), data.draw(st.integers(1, denominator_bound)))
+    x = Fraction(
+        data.draw(st.integers(-bound, bound)),
+        data.draw(st.integers(1, denominator_bound)),
+    )
     residues = [x.numerator * pow(x.denominator, -1, p) % p for p in PRIMES[:count]]
     found = rational(*combine(residues, PRIMES[:count]))
     assert found == x

@@ -14,7 +14,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from echelon.exact.expressions import parse_decimal
-from echelon.exact.polynomial import Number, Surd, cosine_of_turn, format_number, inverse, parts_of, sine_of_turn, surd
+from echelon.exact.polynomial import (
+    Number,
+    Surd,
+    cosine_of_turn,
+    format_number,
+    inverse,
+    parts_of,
+    sine_of_turn,
+    surd,
+)
 from support.strategies import in_sympy, numbers
 
 ROOT2, ROOT3, ROOT6 = surd(0, 1, 0, 0), surd(0, 0, 1, 0), surd(0, 0, 0, 1)
@@ -34,12 +43,19 @@ def test_field_axioms(x: Number, y: Number, z: Number) -> None:
         assert inverse(y) * (x * y) == x
 
 
-@pytest.mark.parametrize("operation", [operator.add, operator.sub, operator.mul, operator.truediv])
+@pytest.mark.parametrize(
+    "operation", [operator.add, operator.sub, operator.mul, operator.truediv]
+)
 @given(x=numbers, y=numbers)
-def test_arithmetic_agrees_with_sympy(operation: Callable[[Any, Any], Any], x: Number, y: Number) -> None:
+def test_arithmetic_agrees_with_sympy(
+    operation: Callable[[Any, Any], Any], x: Number, y: Number
+) -> None:
     if operation is operator.truediv:
         assume(y)
-        result, expected = (x if isinstance(x, Surd) else Fraction(x)) / y, sympy.radsimp(in_sympy(x) / in_sympy(y))
+        result, expected = (
+            (x if isinstance(x, Surd) else Fraction(x)) / y,
+            sympy.radsimp(in_sympy(x) / in_sympy(y)),
+        )
     else:
         result, expected = operation(x, y), operation(in_sympy(x), in_sympy(y))
     assert sympy.expand(in_sympy(result) - expected) == 0
@@ -53,7 +69,12 @@ def test_parts_float_and_hash_agree_with_the_value(x: Number) -> None:
 
 
 def test_arithmetic_returns_to_rationals() -> None:
-    for square, value in ((ROOT2 * ROOT2, 2), (ROOT6 * ROOT6, 6), (ROOT2 * ROOT3 - ROOT6, 0), (ROOT3 / ROOT3, 1)):
+    for square, value in (
+        (ROOT2 * ROOT2, 2),
+        (ROOT6 * ROOT6, 6),
+        (ROOT2 * ROOT3 - ROOT6, 0),
+        (ROOT3 / ROOT3, 1),
+    ):
         assert square == value
         assert not isinstance(square, Surd)
     assert ROOT2 * ROOT6 == 2 * ROOT3
@@ -85,19 +106,34 @@ def test_text_is_read_back(x: Number) -> None:
     assert sympy.expand(sympy.sympify(format_number(x)) - in_sympy(x)) == 0
 
 
-@given(st.decimals(allow_nan=False, allow_infinity=False, min_value=-(10**9), max_value=10**9))
+@given(
+    st.decimals(
+        allow_nan=False, allow_infinity=False, min_value=-(10**9), max_value=10**9
+    )
+)
 def test_decimals_keep_their_value(x: Decimal) -> None:
     assert parse_decimal(str(x)) == Fraction(x)
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [("+.5", "1/2"), ("7.", "7"), ("-0", "0"), ("1E+2", "100"), ("2.50e-1", "1/4"), ("007", "7")]
+    ("text", "value"),
+    [
+        ("+.5", "1/2"),
+        ("7.", "7"),
+        ("-0", "0"),
+        ("1E+2", "100"),
+        ("2.50e-1", "1/4"),
+        ("007", "7"),
+    ],
 )
 def test_decimal_spellings(text: str, value: str) -> None:
     assert parse_decimal(text) == Fraction(value)
 
 
-@pytest.mark.parametrize("text", ["", ".", "nan", "inf", "-Infinity", "1/2", "1_000", "0x10", "1e", "1 2", "1e9999"])
+@pytest.mark.parametrize(
+    "text",
+    ["", ".", "nan", "inf", "-Infinity", "1/2", "1_000", "0x10", "1e", "1 2", "1e9999"],
+)
 def test_other_text_is_no_decimal(text: str) -> None:
     with pytest.raises(ValueError, match=r"finite decimal|beyond the range"):
         parse_decimal(text)

@@ -12,7 +12,13 @@ from hypothesis import strategies as st
 
 from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField
-from echelon.exact.polynomial import Number, Polynomial, as_polynomial, float_generators, surd
+from echelon.exact.polynomial import (
+    Number,
+    Polynomial,
+    as_polynomial,
+    float_generators,
+    surd,
+)
 from support.strategies import FIELDS, in_sympy, numbers, polynomials, rationals
 
 LENGTHS = polynomials("d3", "r4")
@@ -36,7 +42,9 @@ def test_ring_axioms(p: Polynomial, q: Polynomial, r: Polynomial) -> None:
 
 
 @given(LENGTHS, LENGTHS, st.integers(0, 4))
-def test_arithmetic_agrees_with_sympy(p: Polynomial, q: Polynomial, exponent: int) -> None:
+def test_arithmetic_agrees_with_sympy(
+    p: Polynomial, q: Polynomial, exponent: int
+) -> None:
     for ours, theirs in (
         (p + q, in_sympy(p) + in_sympy(q)),
         (p * q, in_sympy(p) * in_sympy(q)),
@@ -52,15 +60,23 @@ def test_evaluation_on_the_circle_is_a_homomorphism(
 ) -> None:
     point: dict[str, Number] = {"d3": d}
     for name, x in (("a", Fraction(t)), ("b", Fraction(u))):
-        point |= {f"cos({name})": (1 - x * x) / (1 + x * x), f"sin({name})": 2 * x / (1 + x * x)}
-    (f, g), product = (r.evaluate(point, lambda n: n) for r in (p, q)), (p * q).evaluate(point, lambda n: n)
+        point |= {
+            f"cos({name})": (1 - x * x) / (1 + x * x),
+            f"sin({name})": 2 * x / (1 + x * x),
+        }
+    (f, g), product = (
+        (r.evaluate(point, lambda n: n) for r in (p, q)),
+        (p * q).evaluate(point, lambda n: n),
+    )
     assert product == f * g
     assert (p + q).evaluate(point, lambda n: n) == f + g
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
 @given(p=LENGTHS, d=rationals, r=rationals)
-def test_reduction_modulo_a_prime_is_a_homomorphism(p: Polynomial, d: Number, r: Number, field: PrimeField) -> None:
+def test_reduction_modulo_a_prime_is_a_homomorphism(
+    p: Polynomial, d: Number, r: Number, field: PrimeField
+) -> None:
     residue = p.evaluate({"d3": field.embed(d), "r4": field.embed(r)}, field.embed)
     assert residue % field.p == field.embed(p.evaluate({"d3": d, "r4": r}, lambda n: n))
 
@@ -77,7 +93,9 @@ def test_reduction_modulo_a_prime_is_a_homomorphism(p: Polynomial, d: Number, r:
         (ROOT2 - D, -(D - ROOT2)),
     ],
 )
-def test_equal_functions_have_one_form(left: Polynomial, right: Polynomial | Number) -> None:
+def test_equal_functions_have_one_form(
+    left: Polynomial, right: Polynomial | Number
+) -> None:
     assert left == right
     assert right == left
     assert hash(left) == hash(right)

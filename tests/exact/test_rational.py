@@ -20,12 +20,16 @@ LENGTHS = polynomials("d", "r", coefficients=rationals)
 MIXED = polynomials("cos(a)", "sin(a)", "d")
 
 
-def quotients(parts: st.SearchStrategy[Polynomial]) -> st.SearchStrategy[RationalFunction]:
+def quotients(
+    parts: st.SearchStrategy[Polynomial],
+) -> st.SearchStrategy[RationalFunction]:
     return st.builds(RationalFunction, parts, parts.filter(bool))
 
 
 @given(quotients(LENGTHS), quotients(LENGTHS), quotients(LENGTHS))
-def test_field_axioms(x: RationalFunction, y: RationalFunction, z: RationalFunction) -> None:
+def test_field_axioms(
+    x: RationalFunction, y: RationalFunction, z: RationalFunction
+) -> None:
     assert x + y == y + x
     assert x * y == y * x
     assert (x + y) + z == x + (y + z)
@@ -37,28 +41,45 @@ def test_field_axioms(x: RationalFunction, y: RationalFunction, z: RationalFunct
 
 @pytest.mark.parametrize("root", ["sqrt(2)", "sqrt(3)", "sqrt(6)", "sin(a)"])
 def test_sums_of_products_reduce_squares_of_roots(root: str) -> None:
-    first, second = (RationalFunction(parse("d"), parse(f"{k}*d + {root}")) for k in (1, 2))
+    first, second = (
+        RationalFunction(parse("d"), parse(f"{k}*d + {root}")) for k in (1, 2)
+    )
     assert sum_of_products([(first, first), (ONE, second)]) == first * first + second
 
 
 @given(LENGTHS, LENGTHS, LENGTHS)
-def test_lowest_terms_agree_with_sympy(p: Polynomial, q: Polynomial, common: Polynomial) -> None:
+def test_lowest_terms_agree_with_sympy(
+    p: Polynomial, q: Polynomial, common: Polynomial
+) -> None:
     assume(q and common)
     ours = RationalFunction(p * common, q * common)
     top, bottom = sympy.fraction(sympy.cancel(in_sympy(p) / in_sympy(q)))
-    assert sympy.expand(in_sympy(ours.numerator) * bottom - in_sympy(ours.denominator) * top) == 0
+    assert (
+        sympy.expand(
+            in_sympy(ours.numerator) * bottom - in_sympy(ours.denominator) * top
+        )
+        == 0
+    )
     d, r = sympy.symbols("d r")
-    ours_degree, their_degree = (sympy.Poly(e, d, r).total_degree() for e in (in_sympy(ours.denominator), bottom))
+    ours_degree, their_degree = (
+        sympy.Poly(e, d, r).total_degree() for e in (in_sympy(ours.denominator), bottom)
+    )
     assert ours_degree == their_degree
     assert ours == RationalFunction(p, q)
     assert hash(ours) == hash(RationalFunction(p, q))
 
 
 @given(quotients(MIXED), quotients(MIXED), integers.filter(bool), integers)
-def test_values_in_a_prime_field(x: RationalFunction, y: RationalFunction, t: int, d: int) -> None:
+def test_values_in_a_prime_field(
+    x: RationalFunction, y: RationalFunction, t: int, d: int
+) -> None:
     p = SMALL_FIELD.p
     scale = flint.nmod(1, p) / (1 + t * t)
-    point = {"cos(a)": scale * (1 - t * t), "sin(a)": scale * 2 * t, "d": flint.nmod(d, p)}
+    point = {
+        "cos(a)": scale * (1 - t * t),
+        "sin(a)": scale * 2 * t,
+        "d": flint.nmod(d, p),
+    }
 
     def value(f: RationalFunction) -> flint.nmod:
         assume(int(f.denominator.evaluate(point, number)))
@@ -87,7 +108,9 @@ def test_values_in_a_prime_field(x: RationalFunction, y: RationalFunction, t: in
         ("d^2 - 2*d*sqrt(6) + 6", "d - sqrt(6)", "d - sqrt(6)"),
     ],
 )
-def test_a_quotient_that_is_a_polynomial_becomes_one(top: str, bottom: str, expected: str) -> None:
+def test_a_quotient_that_is_a_polynomial_becomes_one(
+    top: str, bottom: str, expected: str
+) -> None:
     quotient = RationalFunction(parse(top), parse(bottom))
     assert quotient.is_polynomial
     assert quotient.numerator == parse(expected)
@@ -103,7 +126,9 @@ def test_a_quotient_that_is_a_polynomial_becomes_one(top: str, bottom: str, expe
         (("sqrt(3)", "sqrt(2)*d + sqrt(6)"), ("3", "sqrt(6)*d + 3*sqrt(2)")),
     ],
 )
-def test_equal_quotients_are_equal_and_hash_alike(one: tuple[str, str], other: tuple[str, str]) -> None:
+def test_equal_quotients_are_equal_and_hash_alike(
+    one: tuple[str, str], other: tuple[str, str]
+) -> None:
     x, y = (RationalFunction(*map(parse, pair)) for pair in (one, other))
     assert x == y
     assert hash(x) == hash(y)
@@ -139,7 +164,10 @@ def product(constant: Fraction, found: list[tuple[Polynomial, int]]) -> Polynomi
     return total
 
 
-@given(polynomials("x", "y", coefficients=rationals), polynomials("x", "z", coefficients=rationals))
+@given(
+    polynomials("x", "y", coefficients=rationals),
+    polynomials("x", "z", coefficients=rationals),
+)
 def test_factors_multiply_to_the_polynomial(a: Polynomial, b: Polynomial) -> None:
     """Also of squares, whose constants count twice."""
     whole = a * a * b
@@ -164,7 +192,10 @@ def test_known_factors(text: str, expected: tuple[Fraction, dict[str, int]]) -> 
         assert any(f in (parse(name), -parse(name)) and e == exponent for f, e in found)
 
 
-@given(polynomials("x", "y", coefficients=rationals), polynomials("x", "y", coefficients=rationals))
+@given(
+    polynomials("x", "y", coefficients=rationals),
+    polynomials("x", "y", coefficients=rationals),
+)
 def test_division_leaves_quotient_and_rest(a: Polynomial, b: Polynomial) -> None:
     assume(b)
     quotient, rest = divided(a, b, ("x", "y"))

@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 
 from echelon.choices import Optimality
 from echelon.excite.problem import information as criteria
-from echelon.excite.problem.information import OptimalityCriterion, condition_number, log_det
+from echelon.excite.problem.information import (
+    OptimalityCriterion,
+    condition_number,
+    log_det,
+)
 from support.excitation_cases import Floats, slope_along
 
 NAMES: tuple[Optimality, ...] = ("d_optimal", "a_optimal", "condition")
@@ -34,7 +38,9 @@ def test_values_by_definition(seed: int) -> None:
         -np.linalg.slogdet(scaled)[1] / 5, rel=1e-9
     )
     expected = np.log(np.trace(np.linalg.inv(scaled)))
-    assert OptimalityCriterion("a_optimal", units).evaluate(F)[0] == pytest.approx(expected, rel=1e-7)
+    assert OptimalityCriterion("a_optimal", units).evaluate(F)[0] == pytest.approx(
+        expected, rel=1e-7
+    )
     assert condition_number(F) == pytest.approx(np.sqrt(np.linalg.cond(F)), rel=1e-7)
     assert log_det(F) == pytest.approx(np.linalg.slogdet(F)[1], rel=1e-12)
 
@@ -48,12 +54,17 @@ def test_smoothed_condition_is_a_bound(seed: int, size: int, spread: float) -> N
     assert exact - 1e-9 <= found <= exact + np.log(size) / 8 + 1e-9
 
 
-def test_smoothed_condition_tends_to_the_condition(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_smoothed_condition_tends_to_the_condition(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     F = information(3, 8, 0.3)
     gaps = []
     for power in (4, 8, 64, 512):
         monkeypatch.setattr(criteria, "_SHARPNESS", power)
-        gaps.append(OptimalityCriterion("condition", np.ones(8)).evaluate(F)[0] - np.log(condition_number(F)))
+        gaps.append(
+            OptimalityCriterion("condition", np.ones(8)).evaluate(F)[0]
+            - np.log(condition_number(F))
+        )
     assert gaps == sorted(gaps, reverse=True)
     assert 0 <= gaps[-1] < 1e-3 < gaps[0]
 
@@ -62,7 +73,10 @@ def test_smoothed_condition_tends_to_the_condition(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("name", NAMES)
 def test_slopes(name: Optimality, seed: int) -> None:
     """tr(M D) is the derivative along every symmetric direction D."""
-    criterion, F = OptimalityCriterion(name, scales(seed)), information(seed, spread=1.0)
+    criterion, F = (
+        OptimalityCriterion(name, scales(seed)),
+        information(seed, spread=1.0),
+    )
     M = criterion.evaluate(F)[1]
     np.testing.assert_allclose(M, M.T, atol=1e-12 * np.abs(M).max())
     rng = np.random.default_rng(seed)
@@ -70,8 +84,12 @@ def test_slopes(name: Optimality, seed: int) -> None:
         D = rng.normal(size=(5, 5))
         D = (D + D.T) * np.sqrt(np.outer(np.diag(F), np.diag(F)))
         smallest = np.abs(np.linalg.eigvals(np.linalg.solve(F, D))).max()
-        expected = slope_along(lambda t, D=D: criterion.evaluate(F + t * D)[0], 1e-3 / smallest)
-        assert np.trace(M @ D) == pytest.approx(float(expected), rel=1e-6, abs=1e-6 * smallest)
+        expected = slope_along(
+            lambda t, D=D: criterion.evaluate(F + t * D)[0], 1e-3 / smallest
+        )
+        assert np.trace(M @ D) == pytest.approx(
+            float(expected), rel=1e-6, abs=1e-6 * smallest
+        )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -87,9 +105,17 @@ def test_scales_only_shift_the_first_one() -> None:
     units = scales(1)
     shifts = []
     for seed in range(3):
-        values = [OptimalityCriterion("d_optimal", u).evaluate(information(seed)) for u in (units, np.ones(5))]
+        values = [
+            OptimalityCriterion("d_optimal", u).evaluate(information(seed))
+            for u in (units, np.ones(5))
+        ]
         shifts.append(values[0][0] - values[1][0])
-        np.testing.assert_allclose(values[0][1], values[1][1], rtol=1e-6, atol=1e-6 * np.abs(values[1][1]).max())
+        np.testing.assert_allclose(
+            values[0][1],
+            values[1][1],
+            rtol=1e-6,
+            atol=1e-6 * np.abs(values[1][1]).max(),
+        )
     np.testing.assert_allclose(shifts, -2 * np.mean(np.log(units)), rtol=1e-7)
 
 
@@ -104,7 +130,11 @@ def test_singular_matrices() -> None:
     assert log_det(np.diag([1.0, -1.0])) == -np.inf  # what rounding may make of one
 
 
-@pytest.mark.parametrize("F", [np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]), np.zeros((3, 3))], ids=["one", "none"])
+@pytest.mark.parametrize(
+    "F",
+    [np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]), np.zeros((3, 3))],
+    ids=["one", "none"],
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_singular_matrices_are_bad_but_numbers(name: Optimality, F: Floats) -> None:
     """A search can begin where parameters are not visible: values and slopes are finite, and much worse."""

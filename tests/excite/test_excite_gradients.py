@@ -20,7 +20,12 @@ from echelon.excite.problem.information import (
     StateRegressor,
     pullback,
 )
-from echelon.excite.problem.trajectory import Basis, Fourier, resting_ends, uniform_splines
+from echelon.excite.problem.trajectory import (
+    Basis,
+    Fourier,
+    resting_ends,
+    uniform_splines,
+)
 from support.excitation_cases import Floats, slope_along, slopes_by_state
 from support.paths import EXAMPLES
 
@@ -95,8 +100,12 @@ def test_entries_are_those_of_the_regressor(name: str) -> None:
     state = states(base)
     expected = base.regressor(**state)
     found = dense(base, regressor, regressor.entries(state))
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
-    assert regressor.size == sum(rows.entries.stop - rows.entries.start for rows in regressor.rows)
+    np.testing.assert_allclose(
+        found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max()
+    )
+    assert regressor.size == sum(
+        rows.entries.stop - rows.entries.start for rows in regressor.rows
+    )
 
 
 def test_smooth_entries_differ_near_standstill_only() -> None:
@@ -121,7 +130,9 @@ def test_signs_become_hyperbolic_tangents() -> None:
     names = [base.parameters[p] for p in base.matrix.pivots]
     for joint in range(4):
         column = names.index(f"Fc{joint + 1}")
-        np.testing.assert_allclose(found[:, joint, column], np.tanh(state["qd"][:, joint] / SMOOTH), rtol=1e-12)
+        np.testing.assert_allclose(
+            found[:, joint, column], np.tanh(state["qd"][:, joint] / SMOOTH), rtol=1e-12
+        )
 
 
 # -- pullback ----------------------------------------------------------------------------------------------------------
@@ -140,13 +151,18 @@ def test_pullback(name: str) -> None:
 
     for part, which in zip(found, ("q", "qd", "qdd"), strict=True):
         expected = slopes_by_state(total, state, which)
-        np.testing.assert_allclose(part, expected, rtol=1e-6, atol=1e-7 * max(np.abs(f).max() for f in found))
+        np.testing.assert_allclose(
+            part, expected, rtol=1e-6, atol=1e-7 * max(np.abs(f).max() for f in found)
+        )
 
 
 def test_pullback_has_one_more_argument() -> None:
     function = regressor_of("scara", SMOOTH).function
     found = pullback(function)
-    assert [a.name for a in found.arguments] == [*(a.name for a in function.arguments), ADJOINT]
+    assert [a.name for a in found.arguments] == [
+        *(a.name for a in function.arguments),
+        ADJOINT,
+    ]
     assert found.shape == (9,)
     assert len(found.arguments[-1]) == len(function.entries)
 
@@ -155,26 +171,40 @@ def test_pullback_has_one_more_argument() -> None:
 
 
 def family(name: str) -> Basis:
-    return resting_ends(Fourier(2.0, 3) if name in ("ur10", "tx40", "wrench") else uniform_splines(2.0, 5))
+    return resting_ends(
+        Fourier(2.0, 3)
+        if name in ("ur10", "tx40", "wrench")
+        else uniform_splines(2.0, 5)
+    )
 
 
 def information(name: str, smooth: float | None, prior: float = 0.0) -> Information:
     base = base_of(name)
     weights = np.random.default_rng(2).uniform(0.5, 2, len(base.mechanism.outputs))
     times = np.arange(60) / 30
-    return Information(regressor_of(name, smooth), family(name), times, weights, prior * np.eye(base.rank))
+    return Information(
+        regressor_of(name, smooth),
+        family(name),
+        times,
+        weights,
+        prior * np.eye(base.rank),
+    )
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_information_is_the_weighted_sum_of_squares(name: str) -> None:
     base, basis = base_of(name), family(name)
     found = information(name, None, prior=0.3)
-    C = np.random.default_rng(0).normal(size=(basis.size, len(base.mechanism.velocities)))
+    C = np.random.default_rng(0).normal(
+        size=(basis.size, len(base.mechanism.velocities))
+    )
     times = np.arange(60) / 30
     q, qd, qdd = (basis.values(times, order) @ C for order in range(3))
     X = base.regressor(q, qd, qdd)
     expected = 0.3 * np.eye(base.rank) + np.einsum("nor,o,nos->rs", X, found.weights, X)
-    np.testing.assert_allclose(found(C).F, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found(C).F, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max()
+    )
 
 
 @pytest.mark.parametrize("criterion", ["d_optimal", "a_optimal", "condition"])
@@ -201,24 +231,40 @@ def test_gradients(name: str, criterion: Optimality) -> None:
         D = D / np.linalg.norm(D)
         expected = float(slope_along(lambda t, D=D: value(C + t * D), 5e-4))
         found = float(np.sum(gradient * D))
-        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6 * float(np.linalg.norm(gradient)))
+        assert found == pytest.approx(
+            expected, rel=1e-6, abs=1e-6 * float(np.linalg.norm(gradient))
+        )
 
 
 def test_more_samples_of_one_motion_add_up() -> None:
     base, basis = base_of("scara"), family("scara")
     C = np.random.default_rng(0).normal(size=(basis.size, 3))
-    regressor, weights, zero = regressor_of("scara", None), np.ones(3), np.zeros((base.rank, base.rank))
+    regressor, weights, zero = (
+        regressor_of("scara", None),
+        np.ones(3),
+        np.zeros((base.rank, base.rank)),
+    )
     times = np.linspace(0, 2, 50)
-    parts = [Information(regressor, basis, t, weights, zero)(C).F for t in (times, times[:20], times[20:])]
-    np.testing.assert_allclose(parts[0], parts[1] + parts[2], rtol=1e-12, atol=1e-12 * np.abs(parts[0]).max())
+    parts = [
+        Information(regressor, basis, t, weights, zero)(C).F
+        for t in (times, times[:20], times[20:])
+    ]
+    np.testing.assert_allclose(
+        parts[0], parts[1] + parts[2], rtol=1e-12, atol=1e-12 * np.abs(parts[0]).max()
+    )
 
 
 # -- what cannot be designed -------------------------------------------------------------------------------------------
 
 
 def test_measured_inputs_are_refused() -> None:
-    base = ec.base_parameters(loaded(STANFORD.replace("type: coulomb", "type: drive_gain")))
-    with pytest.raises(InputError, match=r"need the measured inputs of .*, which a trajectory does not determine"):
+    base = ec.base_parameters(
+        loaded(STANFORD.replace("type: coulomb", "type: drive_gain"))
+    )
+    with pytest.raises(
+        InputError,
+        match=r"need the measured inputs of .*, which a trajectory does not determine",
+    ):
         StateRegressor(base.mechanism, base.matrix.pivots)
 
 

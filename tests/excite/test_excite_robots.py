@@ -25,15 +25,21 @@ NEAR = 0.98
 
 
 def design(file: Path, *, floating: bool = False, **changes: Any) -> ExcitingTrajectory:
-    return ec.exciting_trajectory(ec.load_setup(file, floating=floating), **{"starts": 1, **changes})
+    return ec.exciting_trajectory(
+        ec.load_setup(file, floating=floating), **{"starts": 1, **changes}
+    )
 
 
 def torques(model: Any, states: tuple[Floats, ...]) -> Floats:
     data = model.createData()
-    return np.array([pin.rnea(model, data, *state) for state in zip(*states, strict=True)])
+    return np.array(
+        [pin.rnea(model, data, *state) for state in zip(*states, strict=True)]
+    )
 
 
-def places(model: Any, joint: str, point: tuple[float, float, float], q: Floats) -> Floats:
+def places(
+    model: Any, joint: str, point: tuple[float, float, float], q: Floats
+) -> Floats:
     """A point of the body behind a joint in the base frame, shape (N, 3)."""
     data, k = model.createData(), model.getJointId(joint)
     found = []
@@ -53,12 +59,20 @@ EFFORT = {"shoulder_pan_joint": 40.0, "shoulder_lift_joint": 60.0, "elbow_joint"
 def test_torques_by_pinocchio_stay_below_limits_that_bind() -> None:
     file = robot_file("ur10_robot")
     limits = {"position": [-2.5, 2.5], "effort": EFFORT}
-    found = design(file, duration=6, harmonics=3, limits=limits, centre={"shoulder_lift_joint": -1.57})
+    found = design(
+        file,
+        duration=6,
+        harmonics=3,
+        limits=limits,
+        centre={"shoulder_lift_joint": -1.57},
+    )
     model = pinocchio_model(file, False)
     assert list(model.names)[1:] == list(found.trajectory.coordinates)
     states = tuple(resampled(found, order) for order in range(3))
     tau = np.abs(torques(model, states)).max(axis=0)
-    allowed = 0.9 * np.array([*EFFORT.values(), *model.effortLimit[3:]])  # a tenth is kept free
+    allowed = 0.9 * np.array(
+        [*EFFORT.values(), *model.effortLimit[3:]]
+    )  # a tenth is kept free
     assert np.all(tau <= allowed)
     assert (tau / allowed).max() >= NEAR
     assert np.all(np.abs(states[0]) <= 2.5)
@@ -66,8 +80,16 @@ def test_torques_by_pinocchio_stay_below_limits_that_bind() -> None:
     assert (np.abs(states[1]).max(axis=0) / model.velocityLimit).max() >= NEAR
     # without these limits the same design asks for more
     wide = {"position": [-2.5, 2.5], "effort": "none"}
-    free = design(file, duration=6, harmonics=3, limits=wide, centre={"shoulder_lift_joint": -1.57})
-    more = np.abs(torques(model, tuple(resampled(free, order, 100) for order in range(3)))).max(axis=0)
+    free = design(
+        file,
+        duration=6,
+        harmonics=3,
+        limits=wide,
+        centre={"shoulder_lift_joint": -1.57},
+    )
+    more = np.abs(
+        torques(model, tuple(resampled(free, order, 100) for order in range(3)))
+    ).max(axis=0)
     assert np.any(more > allowed)
 
 
@@ -82,9 +104,13 @@ def test_boxes_by_pinocchio_hold_a_ball_about_the_flange() -> None:
         harmonics=3,
         limits={"position": [-2.5, 2.5]},
         centre={"shoulder_lift_joint": -1.57},
-        frames=[{"body": "wrist_3_link", "point": list(point), "radius": radius, "box": box}],
+        frames=[
+            {"body": "wrist_3_link", "point": list(point), "radius": radius, "box": box}
+        ],
     )
-    p = places(pinocchio_model(file, False), "wrist_3_joint", point, resampled(found, 0))
+    p = places(
+        pinocchio_model(file, False), "wrist_3_joint", point, resampled(found, 0)
+    )
     room = {
         "x": (p[:, 0].min() - (-0.6 + radius), 0.6 - radius - p[:, 0].max()),
         "z": (p[:, 2].min() - (0.3 + radius), 1.2 - radius - p[:, 2].max()),
@@ -103,13 +129,21 @@ def test_conditioning_is_that_of_pinocchios_regressor() -> None:
     file = robot_file("ur10_robot")
     found = design(file, duration=4, iterations=20, limits={"position": [-2.5, 2.5]})
     q, qd, qdd = (resampled(found, order, 100)[:400] for order in range(3))
-    rigid = pinocchio_regressor(found.base.mechanism, pinocchio_model(file, False), q, qd, qdd)
+    rigid = pinocchio_regressor(
+        found.base.mechanism, pinocchio_model(file, False), q, qd, qdd
+    )
     eye = np.eye(6)
-    friction = [values[:, :, None] * eye for values in (qd, np.sign(qd), np.ones_like(qd), qdd)]
-    W = np.concatenate([rigid, *friction], axis=2)[:, :, found.base.matrix.pivots].reshape(2400, -1)
+    friction = [
+        values[:, :, None] * eye for values in (qd, np.sign(qd), np.ones_like(qd), qdd)
+    ]
+    W = np.concatenate([rigid, *friction], axis=2)[
+        :, :, found.base.matrix.pivots
+    ].reshape(2400, -1)
     # a different sign of a speed that is zero up to rounding, at the ends, changes little
     assert found.conditioning.condition == pytest.approx(np.linalg.cond(W), rel=0.01)
-    assert found.conditioning.log_det == pytest.approx(np.linalg.slogdet(W.T @ W)[1], rel=1e-3)
+    assert found.conditioning.log_det == pytest.approx(
+        np.linalg.slogdet(W.T @ W)[1], rel=1e-3
+    )
 
 
 # -- distances by MuJoCo -----------------------------------------------------------------------------------------------
@@ -147,16 +181,26 @@ CLEARANCE = 0.03
 
 
 @pytest.mark.parametrize(
-    ("stated", "rate"), [pytest.param("by the file", 10_000, marks=pytest.mark.slow), ("by the set-up", 1000)]
+    ("stated", "rate"),
+    [
+        pytest.param("by the file", 10_000, marks=pytest.mark.slow),
+        ("by the set-up", 1000),
+    ],
 )
-def test_distances_by_mujoco_keep_the_clearance(tmp_path: Path, stated: str, rate: float) -> None:
+def test_distances_by_mujoco_keep_the_clearance(
+    tmp_path: Path, stated: str, rate: float
+) -> None:
     import mujoco
 
     file = tmp_path / "arm.xml"
     collisions: dict[str, Any] = {"clearance": CLEARANCE}
     text = ARM
     if stated == "by the set-up":
-        text = "\n".join(line for line in ARM.splitlines() if 'name="post"' not in line and 'name="ball"' not in line)
+        text = "\n".join(
+            line
+            for line in ARM.splitlines()
+            if 'name="post"' not in line and 'name="ball"' not in line
+        )
         collisions["obstacles"] = [
             {"name": "post", "box": [0.08, 0.08, 0.4], "at": [0.5, 0.5, 0.4]},
             {"name": "ball", "sphere": 0.1, "at": [-0.5, -0.4, 0.4]},
@@ -164,19 +208,28 @@ def test_distances_by_mujoco_keep_the_clearance(tmp_path: Path, stated: str, rat
     file.write_text(text)
     limits = {"velocity": 2.5, "acceleration": 25, "jerk": "none"}
     centre = {"j2": -0.6, "j3": 1.0}
-    changes: dict[str, Any] = {"limits": limits, "centre": centre, "collisions": collisions}
+    changes: dict[str, Any] = {
+        "limits": limits,
+        "centre": centre,
+        "collisions": collisions,
+    }
     found = design(file, duration=6, harmonics=3, **changes)
     assert found.safe
     assert list(found.trajectory.coordinates) == ["j1", "j2", "j3", "j4"]
     model = mujoco.MjModel.from_xml_string(ARM)
     data, q = mujoco.MjData(model), resampled(found, 0, rate)
-    ids = [tuple(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in pair) for pair in PAIRS]
+    ids = [
+        tuple(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in pair)
+        for pair in PAIRS
+    ]
     least = np.full(len(PAIRS), np.inf)
     for row in q:
         data.qpos[:] = row
         mujoco.mj_kinematics(model, data)
         for k, (a, b) in enumerate(ids):
-            least[k] = min(least[k], mujoco.mj_geomDistance(model, data, a, b, 2 * CLEARANCE, None))
+            least[k] = min(
+                least[k], mujoco.mj_geomDistance(model, data, a, b, 2 * CLEARANCE, None)
+            )
     assert least.min() >= CLEARANCE - 1e-6  # what MuJoCo's own iterations leave
     assert least.min() <= CLEARANCE * 1.1  # a limit in metres that is used
     bound = min(m.least for m in found.margins if m.unit == "m")
@@ -214,7 +267,13 @@ UR10: dict[str, Any] = {
     "criterion": "condition",
     "limits": {
         "position": [-2.5, 2.5],
-        "velocity": dict(zip([f"j{k}" for k in range(1, 7)], (2.16, 2.16, 3.15, 3.2, 3.2, 3.2), strict=True)),
+        "velocity": dict(
+            zip(
+                [f"j{k}" for k in range(1, 7)],
+                (2.16, 2.16, 3.15, 3.2, 3.2, 3.2),
+                strict=True,
+            )
+        ),
         "acceleration": "none",
         "jerk": "none",
     },
@@ -235,7 +294,9 @@ def test_ur10_reaches_condition_10_from_every_seed(seed: int) -> None:
     W = found.base.regressor(q, qd, qdd).reshape(-1, 36)
     assert np.linalg.cond(W) <= 10
     assert found.conditioning.condition == pytest.approx(np.linalg.cond(W), rel=1e-6)
-    speeds = np.abs(resampled(found, 1)).max(axis=0) / list(UR10["limits"]["velocity"].values())
+    speeds = np.abs(resampled(found, 1)).max(axis=0) / list(
+        UR10["limits"]["velocity"].values()
+    )
     assert speeds.max() <= 1
     assert np.sum(speeds >= NEAR) >= 3
 
@@ -244,12 +305,20 @@ def test_ur10_reaches_condition_10_from_every_seed(seed: int) -> None:
 def test_panda_reaches_condition_9_5_with_five_harmonics() -> None:
     names = [f"j{k}" for k in range(1, 8)]
     limits = {
-        "position": {name: list(ends) for name, *ends in zip(names, LOW, HIGH, strict=True)},
+        "position": {
+            name: list(ends) for name, *ends in zip(names, LOW, HIGH, strict=True)
+        },
         "velocity": dict(zip(names, SPEED, strict=True)),
         "acceleration": "none",
         "jerk": "none",
     }
-    found = design(EXAMPLES / "panda.yaml", duration=8, criterion="condition", harmonics=5, limits=limits)
+    found = design(
+        EXAMPLES / "panda.yaml",
+        duration=8,
+        criterion="condition",
+        harmonics=5,
+        limits=limits,
+    )
     assert found.safe
     q, qd, qdd = (resampled(found, order, 100)[:800] for order in range(3))
     assert np.linalg.cond(found.base.regressor(q, qd, qdd).reshape(-1, 43)) <= 9.5
@@ -279,7 +348,9 @@ def test_tx40_with_its_coupled_wrist() -> None:
 def fixed_model(file: Path, moving: tuple[str, ...]) -> Any:
     """Pinocchio's model with a fixed base and all other joints locked at zero."""
     whole = pinocchio_model(file, False)
-    others = [whole.getJointId(name) for name in list(whole.names)[1:] if name not in moving]
+    others = [
+        whole.getJointId(name) for name in list(whole.names)[1:] if name not in moving
+    ]
     return pin.buildReducedModel(whole, others, pin.neutral(whole))
 
 
@@ -290,25 +361,39 @@ def inertial_rank(model: Any, file: Path) -> int:
     """
     rng, data = np.random.default_rng(4), model.createData()
     states = rng.uniform(-1.5, 1.5, size=(60, 3, model.nv))
-    geared = {joint.get("name") for joint in ElementTree.parse(file).findall("transmission/joint")}
+    geared = {
+        joint.get("name")
+        for joint in ElementTree.parse(file).findall("transmission/joint")
+    }
     rotors = [k for k, name in enumerate(list(model.names)[1:]) if name in geared]
     W = np.concatenate(
         [
-            np.hstack([pin.computeJointTorqueRegressor(model, data, *state), np.diag(state[2])[:, rotors]])
+            np.hstack(
+                [
+                    pin.computeJointTorqueRegressor(model, data, *state),
+                    np.diag(state[2])[:, rotors],
+                ]
+            )
             for state in states
         ]
     )
     sizes = np.linalg.norm(W, axis=0)
-    values = np.linalg.svd(W / np.maximum(sizes, 1e-3 * np.median(sizes)), compute_uv=False)
+    values = np.linalg.svd(
+        W / np.maximum(sizes, 1e-3 * np.median(sizes)), compute_uv=False
+    )
     return int(np.sum(values > 1e-9 * values[0]))
 
 
-def check_by_pinocchio(file: Path, found: ExcitingTrajectory, rate: float) -> list[float]:
+def check_by_pinocchio(
+    file: Path, found: ExcitingTrajectory, rate: float
+) -> list[float]:
     """Shares of the limits of positions, speeds and torques that are used, after the base parameters are counted."""
     names = found.trajectory.coordinates
     model = fixed_model(file, names)
     order = [list(model.names).index(name) - 1 for name in names]
-    assert found.base.rank == inertial_rank(model, file) + 3 * len(names)  # viscous and dry friction, and an offset
+    assert found.base.rank == inertial_rank(model, file) + 3 * len(
+        names
+    )  # viscous and dry friction, and an offset
     states = []
     for k in range(3):
         values = np.empty((round(found.trajectory.duration * rate) + 1, len(names)))
@@ -335,7 +420,9 @@ def test_a_leg_of_a_quadruped_moves_and_its_base_is_held() -> None:
     assert found.safe
     assert list(found.trajectory.coordinates) == leg
     base = {"base.tx", "base.ty", "base.tz", "base.r"}
-    assert set(found.held) == base | {f"{end}_{joint}_joint" for end in ("FL", "RR", "RL") for joint in PARTS}
+    assert set(found.held) == base | {
+        f"{end}_{joint}_joint" for end in ("FL", "RR", "RL") for joint in PARTS
+    }
     assert max(check_by_pinocchio(file, found, 10_000)) >= NEAR
 
 
@@ -344,11 +431,17 @@ def test_the_upper_body_of_talos() -> None:
     """18 joints of the torso, both arms and the head."""
     file = robot_file("talos_full_v2")
     setup = ec.load_setup(file)
-    moving = [name for name in setup.mechanism.velocities if name.startswith(("torso", "arm", "head"))]
+    moving = [
+        name
+        for name in setup.mechanism.velocities
+        if name.startswith(("torso", "arm", "head"))
+    ]
     assert len(moving) == 18
     found = ec.exciting_trajectory(setup, starts=1, move=moving)
     assert found.safe
-    assert max(check_by_pinocchio(file, found, 2000)) >= NEAR  # which limits bind depends on the local optimum
+    assert (
+        max(check_by_pinocchio(file, found, 2000)) >= NEAR
+    )  # which limits bind depends on the local optimum
 
 
 # -- the example -------------------------------------------------------------------------------------------------------
@@ -373,7 +466,12 @@ def test_the_example_of_a_ur10_between_a_table_and_a_wall() -> None:
     twist = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
     T = np.tile(np.eye(4), (len(q), 1, 1))
     for k in range(6):
-        c, s, ca, sa = np.cos(q[:, k]), np.sin(q[:, k]), np.cos(twist[k]), np.sin(twist[k])
+        c, s, ca, sa = (
+            np.cos(q[:, k]),
+            np.sin(q[:, k]),
+            np.cos(twist[k]),
+            np.sin(twist[k]),
+        )
         one, zero = np.ones_like(c), np.zeros_like(c)
         rows = [
             [c, -s * ca, s * sa, a[k] * c],

@@ -41,8 +41,12 @@ def test_series_are_powers_of_one_complex_exponential(order: int) -> None:
     for j in range(1, 5):
         rate = 2j * np.pi * j / 3.0
         wave = rate**order * np.exp(rate * t)
-        np.testing.assert_allclose(found[:, 2 * j - 1], wave.imag, atol=1e-13 * abs(rate) ** order)
-        np.testing.assert_allclose(found[:, 2 * j], wave.real, atol=1e-13 * abs(rate) ** order)
+        np.testing.assert_allclose(
+            found[:, 2 * j - 1], wave.imag, atol=1e-13 * abs(rate) ** order
+        )
+        np.testing.assert_allclose(
+            found[:, 2 * j], wave.real, atol=1e-13 * abs(rate) ** order
+        )
 
 
 def recursion(knots: Floats, degree: int, i: int, t: Floats) -> Floats:
@@ -51,20 +55,37 @@ def recursion(knots: Floats, degree: int, i: int, t: Floats) -> Floats:
         return ((knots[i] <= t) & (t < knots[i + 1])).astype(float)
     total = np.zeros_like(t)
     if knots[i + degree] > knots[i]:
-        total += (t - knots[i]) / (knots[i + degree] - knots[i]) * recursion(knots, degree - 1, i, t)
+        total += (
+            (t - knots[i])
+            / (knots[i + degree] - knots[i])
+            * recursion(knots, degree - 1, i, t)
+        )
     if knots[i + degree + 1] > knots[i + 1]:
         rest = (knots[i + degree + 1] - t) / (knots[i + degree + 1] - knots[i + 1])
         total += rest * recursion(knots, degree - 1, i + 1, t)
     return total
 
 
-@pytest.mark.parametrize("splines", [uniform_splines(2.0, 4), Splines((0.0, 0.2, 0.5, 2.0)), Splines((0.0, 1.0), 6)])
+@pytest.mark.parametrize(
+    "splines",
+    [uniform_splines(2.0, 4), Splines((0.0, 0.2, 0.5, 2.0)), Splines((0.0, 1.0), 6)],
+)
 def test_splines_follow_their_recursion(splines: Splines) -> None:
     t = np.linspace(0, splines.duration, 57)[:-1]
-    knots = np.array([0.0] * splines.degree + list(splines.breaks) + [splines.duration] * splines.degree)
-    expected = np.column_stack([recursion(knots, splines.degree, i, t) for i in range(splines.size)])
+    knots = np.array(
+        [0.0] * splines.degree
+        + list(splines.breaks)
+        + [splines.duration] * splines.degree
+    )
+    expected = np.column_stack(
+        [recursion(knots, splines.degree, i, t) for i in range(splines.size)]
+    )
     np.testing.assert_allclose(splines.values(t), expected, atol=1e-14)
-    np.testing.assert_allclose(splines.values(np.array([splines.duration]))[0], np.eye(splines.size)[-1], atol=1e-15)
+    np.testing.assert_allclose(
+        splines.values(np.array([splines.duration]))[0],
+        np.eye(splines.size)[-1],
+        atol=1e-15,
+    )
 
 
 def test_splines_are_polynomials_between_breaks() -> None:
@@ -75,19 +96,30 @@ def test_splines_are_polynomials_between_breaks() -> None:
         t = np.linspace(first, end, 8)
         scaled = 2 * (t - first) / (end - first) - 1
         for column in range(2):
-            piece = np.polynomial.Polynomial.fit(t[1:-1], motion(t[1:-1])[:, column], 5, domain=[first, end])
+            piece = np.polynomial.Polynomial.fit(
+                t[1:-1], motion(t[1:-1])[:, column], 5, domain=[first, end]
+            )
             for order in ORDERS:
                 expected = piece.deriv(order)(t[1:-1]) if order else piece(t[1:-1])
-                size = np.abs(expected).max() + (2 / (end - first)) ** order * np.abs(scaled).max()
-                np.testing.assert_allclose(motion(t[1:-1], order)[:, column], expected, atol=1e-9 * size)
+                size = (
+                    np.abs(expected).max()
+                    + (2 / (end - first)) ** order * np.abs(scaled).max()
+                )
+                np.testing.assert_allclose(
+                    motion(t[1:-1], order)[:, column], expected, atol=1e-9 * size
+                )
 
 
 @pytest.mark.parametrize("order", range(4))
-def test_derivatives_are_differences_of_the_order_below(basis: Basis, order: int) -> None:
+def test_derivatives_are_differences_of_the_order_below(
+    basis: Basis, order: int
+) -> None:
     t = np.linspace(0.02, 0.98, 40) * basis.duration  # no break is within a step
     expected = slope_along(lambda h: basis.values(t + h, order), 1e-3)
     found = basis.values(t, order + 1)
-    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(found).max(initial=1.0))
+    np.testing.assert_allclose(
+        found, expected, atol=1e-6 * np.abs(found).max(initial=1.0)
+    )
 
 
 @pytest.mark.parametrize("order", range(3))
@@ -95,7 +127,9 @@ def test_motions_combine_functions(basis: Basis, order: int) -> None:
     motion = random_motion(basis, 3)
     t = np.linspace(0, basis.duration, 31)
     expected = basis.values(t, order) @ motion.coefficients
-    np.testing.assert_allclose(motion(t, order), expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        motion(t, order), expected, atol=1e-12 * np.abs(expected).max()
+    )
     assert basis.values(t, order).shape == (31, basis.size)
 
 
@@ -115,14 +149,19 @@ def test_only_periodic_families_follow_themselves(basis: Basis, order: int) -> N
     if basis.periodic:
         t = np.linspace(0, basis.duration, 20)
         size = basis.bounds(motion.coefficients, order).max()
-        np.testing.assert_allclose(motion(t + 3 * basis.duration, order), motion(t, order), atol=1e-11 * size)
+        np.testing.assert_allclose(
+            motion(t + 3 * basis.duration, order), motion(t, order), atol=1e-11 * size
+        )
         assert jump < 1e-12 * size
     elif order == 0:
         assert jump > 1e-3
 
 
 def test_what_families_say_of_themselves() -> None:
-    found = {name: (b.size, b.periodic, round(b.frequency, 12), b.duration) for name, b in families(4.0).items()}
+    found = {
+        name: (b.size, b.periodic, round(b.frequency, 12), b.duration)
+        for name, b in families(4.0).items()
+    }
     assert found["fourier"] == (7, True, 0.75, 4.0)
     assert found["bspline"] == (11, False, 0.75, 4.0)
     assert found["uneven"][0] == 9
@@ -135,14 +174,25 @@ def test_what_families_say_of_themselves() -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.sampled_from(NAMES), st.integers(0, 4), st.integers(0, 2**32 - 1), st.sampled_from([0.3, 2.0, 7.1, 30.0]))
-def test_bounds_hold_everywhere(name: str, order: int, seed: int, duration: float) -> None:
+@given(
+    st.sampled_from(NAMES),
+    st.integers(0, 4),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.3, 2.0, 7.1, 30.0]),
+)
+def test_bounds_hold_everywhere(
+    name: str, order: int, seed: int, duration: float
+) -> None:
     basis = families(duration)[name]
     rng = np.random.default_rng(seed)
     # some are sparse, so that single functions, which reach their bounds, occur too
-    coefficients = rng.normal(size=(basis.size, 3)) * (rng.random((basis.size, 3)) < rng.uniform(0.1, 1))
+    coefficients = rng.normal(size=(basis.size, 3)) * (
+        rng.random((basis.size, 3)) < rng.uniform(0.1, 1)
+    )
     bounds = basis.bounds(coefficients, order)
-    reached = np.abs(basis.motion(np.linspace(0, duration, 2001), coefficients, order)).max(axis=0)
+    reached = np.abs(
+        basis.motion(np.linspace(0, duration, 2001), coefficients, order)
+    ).max(axis=0)
     assert bounds.shape == (3,)
     assert np.all(reached <= bounds * (1 + 1e-12) + 1e-300)
 
@@ -186,7 +236,9 @@ def test_motions_from_rest_to_rest(name: str) -> None:
     ends = [0.0, basis.duration]
     for order in (1, 2):
         scale = np.abs(free.values(np.linspace(0, basis.duration, 200), order)).max()
-        np.testing.assert_allclose(random_motion(free, 3)(ends, order), 0, atol=1e-11 * scale)
+        np.testing.assert_allclose(
+            random_motion(free, 3)(ends, order), 0, atol=1e-11 * scale
+        )
     # nothing is lost: the same space as by singular values
     conditions = np.vstack([basis.values(np.array(ends), order) for order in (1, 2)])
     conditions /= np.abs(conditions).max(axis=1, keepdims=True)
@@ -213,7 +265,10 @@ def test_dimension_does_not_depend_on_units(duration: float, harmonics: int) -> 
     series = Fourier(duration, harmonics)
     assert resting_ends(series).size == 2 * harmonics - 1
     assert resting_ends(uniform_splines(duration, harmonics + 4)).size == harmonics + 5
-    assert resting_ends(Combined((series, uniform_splines(duration, 4)))).size == 2 * harmonics + 1 + 9 - 4
+    assert (
+        resting_ends(Combined((series, uniform_splines(duration, 4)))).size
+        == 2 * harmonics + 1 + 9 - 4
+    )
 
 
 def test_the_same_every_time() -> None:
@@ -242,7 +297,9 @@ def test_trajectories() -> None:
         assert values.shape == (201, 3)
         np.testing.assert_array_equal(values, motion(times, order))
     assert motion(0.5).shape == (1, 3)
-    np.testing.assert_allclose(motion.states(times)[1], np.gradient(motion(times), 0.01, axis=0), atol=0.2)
+    np.testing.assert_allclose(
+        motion.states(times)[1], np.gradient(motion(times), 0.01, axis=0), atol=0.2
+    )
 
 
 def test_recombinations_can_be_recombined() -> None:
@@ -251,7 +308,11 @@ def test_recombinations_can_be_recombined() -> None:
     first, second = rng.normal(size=(5, 4)), rng.normal(size=(4, 3))
     twice = Combined((Combined((series,), first),), second)
     t = np.linspace(0, 2, 9)
-    np.testing.assert_allclose(twice.values(t, 1), series.values(t, 1) @ (first @ second), atol=1e-12)
+    np.testing.assert_allclose(
+        twice.values(t, 1), series.values(t, 1) @ (first @ second), atol=1e-12
+    )
     coefficients = rng.normal(size=(3, 2))
-    np.testing.assert_allclose(twice.bounds(coefficients, 2), series.bounds(first @ second @ coefficients, 2))
+    np.testing.assert_allclose(
+        twice.bounds(coefficients, 2), series.bounds(first @ second @ coefficients, 2)
+    )
     assert Trajectory(("a", "b"), ("m", "m"), twice, coefficients).duration == 2.0

@@ -24,9 +24,14 @@ from support.shaped_robots import ARM, Floats, planar
 def brute(clearance: Clearance, model: Any, data: Any, geoms: dict[str, int]) -> Floats:
     """Smallest distances of the same pairs of bodies by MuJoCo, at its own frames."""
     least = np.full(len(clearance.owners), clearance.reach)
-    for (i, j), group in zip(clearance.pairs.tolist(), clearance.groups.tolist(), strict=True):
+    for (i, j), group in zip(
+        clearance.pairs.tolist(), clearance.groups.tolist(), strict=True
+    ):
         ends = [geoms[clearance.shapes[k].name] for k in (i, j)]
-        least[group] = min(least[group], mujoco.mj_geomDistance(model, data, *ends, clearance.reach, None))
+        least[group] = min(
+            least[group],
+            mujoco.mj_geomDistance(model, data, *ends, clearance.reach, None),
+        )
     return least
 
 
@@ -35,7 +40,15 @@ def test_mjcf_arm_as_mujoco_has_it(tmp_path: Path) -> None:
     file.write_text(ARM)
     mechanism = ec.load(file)
     geometry = read_geometry(mechanism, open_robot(file))
-    assert [shape.name for shape in geometry.shapes] == ["floor", "ga", "gb", "gt", "gc", "gd", "gm"]
+    assert [shape.name for shape in geometry.shapes] == [
+        "floor",
+        "ga",
+        "gb",
+        "gt",
+        "gc",
+        "gd",
+        "gm",
+    ]
     # the tool rides on b
     assert [shape.body for shape in geometry.shapes] == [-1, 0, 1, 1, 2, 3, 3]
     assert geometry.excluded == (("a", "d"),)
@@ -48,7 +61,9 @@ def test_mjcf_arm_as_mujoco_has_it(tmp_path: Path) -> None:
     for state, found in zip(q, values, strict=True):
         data.qpos[:] = state
         mujoco.mj_forward(model, data)
-        np.testing.assert_allclose(found, brute(clearance, model, data, geoms), atol=2e-5)
+        np.testing.assert_allclose(
+            found, brute(clearance, model, data, geoms), atol=2e-5
+        )
     assert np.mean(values < 0.5) > 0.3
     assert (values < 0).any()
 
@@ -61,7 +76,9 @@ def test_urdf_arm_as_mujoco_has_it() -> None:
     meshes = file.parents[1] / "meshes/ur10/collision"
     compiler = f'<mujoco><compiler meshdir="{meshes}" strippath="true" fusestatic="false"/></mujoco>'
     text = re.sub(r"<visual>.*?</visual>", "", file.read_text(), flags=re.DOTALL)
-    model = mujoco.MjModel.from_xml_string(re.sub(r"(<robot[^>]*>)", r"\1" + compiler, text, count=1))
+    model = mujoco.MjModel.from_xml_string(
+        re.sub(r"(<robot[^>]*>)", r"\1" + compiler, text, count=1)
+    )
     data = mujoco.MjData(model)
     carrier = [model.body(int(b)).name for b in model.geom_bodyid]
     geoms = {shape.name: carrier.index(shape.link) for shape in geometry.shapes}
@@ -71,7 +88,9 @@ def test_urdf_arm_as_mujoco_has_it() -> None:
     for state, found in zip(q, values, strict=True):
         data.qpos[:] = state
         mujoco.mj_forward(model, data)
-        np.testing.assert_allclose(found, brute(clearance, model, data, geoms), atol=1e-4)
+        np.testing.assert_allclose(
+            found, brute(clearance, model, data, geoms), atol=1e-4
+        )
     assert (values < 0.0).any()
     assert np.mean(values < 1.0) > 0.3
 
@@ -86,15 +105,24 @@ def test_urdf_arm_as_coal_has_it() -> None:
     model = pin.buildModelFromUrdf(str(file))
     solids = pin.buildGeomFromUrdf(model, str(file), pin.GeometryType.COLLISION)
     names = [model.frames[g.parentFrame].name for g in solids.geometryObjects]
-    theirs = {link: [k for k, name in enumerate(names) if name == link] for link in names}
-    ours = {link: [k for k, s in enumerate(geometry.shapes) if s.link == link] for link in theirs}
+    theirs = {
+        link: [k for k, name in enumerate(names) if name == link] for link in names
+    }
+    ours = {
+        link: [k for k, s in enumerate(geometry.shapes) if s.link == link]
+        for link in theirs
+    }
     assert all(len(theirs[link]) == len(ours[link]) for link in theirs)
-    twin = {k: t for link in theirs for k, t in zip(ours[link], theirs[link], strict=True)}
+    twin = {
+        k: t for link in theirs for k, t in zip(ours[link], theirs[link], strict=True)
+    }
     for i, j in clearance.pairs.tolist():
         solids.addCollisionPair(pin.CollisionPair(twin[i], twin[j]))
     data, geometry_data = model.createData(), solids.createData()
     rng = np.random.default_rng(0)
-    q = np.array([pin.randomConfiguration(model) for _ in range(10)]) * rng.uniform(0.3, 1, (10, 1))
+    q = np.array([pin.randomConfiguration(model) for _ in range(10)]) * rng.uniform(
+        0.3, 1, (10, 1)
+    )
     order = [mechanism.positions.index(name) for name in list(model.names)[1:]]
     mine = np.empty_like(q)
     mine[:, order] = q
@@ -124,8 +152,14 @@ def test_fixed_links_ride_on_bodies(tmp_path: Path) -> None:
         <joint name="h" type="fixed"><parent link="root"/><child link="stand"/><origin xyz="0 3 0"/></joint></robot>"""
     )
     mechanism = ec.load(file)
-    shapes = {shape.link: shape for shape in read_geometry(mechanism, open_robot(file)).shapes}
-    assert {link: shape.body for link, shape in shapes.items()} == {"root": -1, "tip": 0, "stand": -1}
+    shapes = {
+        shape.link: shape for shape in read_geometry(mechanism, open_robot(file)).shapes
+    }
+    assert {link: shape.body for link, shape in shapes.items()} == {
+        "root": -1,
+        "tip": 0,
+        "stand": -1,
+    }
     np.testing.assert_allclose(shapes["stand"].placement[:3, 3], [0, 3, 0.1])
     expected = [1 + 0.3 * np.sin(1.5), 0, 0.3 * np.cos(1.5)]
     np.testing.assert_allclose(shapes["tip"].placement[:3, 3], expected, atol=1e-12)
@@ -135,7 +169,11 @@ def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
     file = tmp_path / "robots" / "arm.urdf"
     file.parent.mkdir()
     mesh = '<collision><geometry><mesh filename="{}"/></geometry></collision>'
-    links = [mesh.format("package://parts/away.stl"), mesh.format("link.dae"), mesh.format("package://parts/box.obj")]
+    links = [
+        mesh.format("package://parts/away.stl"),
+        mesh.format("link.dae"),
+        mesh.format("package://parts/box.obj"),
+    ]
     parents = ["root", "l0", "l1"]
     joints = "".join(
         f'<joint name="j{k}" type="continuous"><parent link="{parent}"/><child link="l{k}"/></joint><link name="l{k}">'
@@ -144,17 +182,26 @@ def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
     )
     file.write_text(f'<robot name="r"><link name="root"/>{joints}</robot>')
     (tmp_path / "parts").mkdir()
-    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in product((0, 0.1), (0, 0.2), (0, 0.3)))
-    (tmp_path / "parts" / "box.obj").write_text(corners + "f 1 2 4 3\nf 5 6 8 7\nf 1 2 6 5\nf 3 4 8 7\n")
+    corners = "".join(
+        f"v {x} {y} {z}\n" for x, y, z in product((0, 0.1), (0, 0.2), (0, 0.3))
+    )
+    (tmp_path / "parts" / "box.obj").write_text(
+        corners + "f 1 2 4 3\nf 5 6 8 7\nf 1 2 6 5\nf 3 4 8 7\n"
+    )
     mechanism = ec.load(file)
-    with pytest.raises(InputError, match=r"link 'l0'.*parts/away\.stl' is not found.*set-up can stand in"):
+    with pytest.raises(
+        InputError,
+        match=r"link 'l0'.*parts/away\.stl' is not found.*set-up can stand in",
+    ):
         read_geometry(mechanism, open_robot(file))
     geometry = read_geometry(mechanism, open_robot(file), tolerant=True)
     assert len(geometry.notes) == 2
     assert "link.dae' cannot be read (valid: .stl, .obj, .msh)" in geometry.notes[1]
     (shape,) = geometry.shapes
     assert shape.vertices is not None
-    assert {tuple(v) for v in shape.vertices.round(6) + 0.0} == set(product((0, 0.1), (0, 0.2), (0, 0.3)))
+    assert {tuple(v) for v in shape.vertices.round(6) + 0.0} == set(
+        product((0, 0.1), (0, 0.2), (0, 0.3))
+    )
 
 
 def test_entries() -> None:
@@ -163,8 +210,19 @@ def test_entries() -> None:
         mechanism,
         [
             {"body": "link3", "sphere": 0.06, "at": [0.5, 0, 0.1]},
-            {"body": "link1", "capsule": [0.05], "from": [0, 0, 0], "to": [1, 0, 0], "name": "upper"},
-            {"body": "link2", "box": [0.1, 0.2, 0.3], "at": [0, 0, 0.2], "rpy": [0, 0, 0.3]},
+            {
+                "body": "link1",
+                "capsule": [0.05],
+                "from": [0, 0, 0],
+                "to": [1, 0, 0],
+                "name": "upper",
+            },
+            {
+                "body": "link2",
+                "box": [0.1, 0.2, 0.3],
+                "at": [0, 0, 0.2],
+                "rpy": [0, 0, 0.3],
+            },
             {"body": "world", "plane": [0, 0, 2], "through": [0, 0, -0.1]},
         ],
     )
@@ -174,7 +232,9 @@ def test_entries() -> None:
         (1, ShapeKind.BOX, (0.1, 0.2, 0.3)),
         (-1, ShapeKind.PLANE, ()),
     ]
-    np.testing.assert_allclose(shapes[1].placement[:3, [2, 3]], [[1, 0.5], [0, 0], [0, 0]], atol=1e-15)
+    np.testing.assert_allclose(
+        shapes[1].placement[:3, [2, 3]], [[1, 0.5], [0, 0], [0, 0]], atol=1e-15
+    )
     np.testing.assert_allclose(shapes[2].placement[:2, 0], [np.cos(0.3), np.sin(0.3)])
     # at zero the sphere is at (2.5, 0, 0.1) over the plane, and 1.5 from the end of the capsule
     zero = np.zeros((1, 3))
@@ -184,9 +244,13 @@ def test_entries() -> None:
         "distance of link3 and world",
         "distance of link1 and link3",
     )
-    found = dict(zip(clearance.labels, clearance.values(zero, zero, zero)[0], strict=True))
+    found = dict(
+        zip(clearance.labels, clearance.values(zero, zero, zero)[0], strict=True)
+    )
     assert found["distance of link3 and world"] == pytest.approx(0.2 - 0.06)
-    assert found["distance of link1 and link3"] == pytest.approx(np.hypot(1.5, 0.1) - 0.11)
+    assert found["distance of link1 and link3"] == pytest.approx(
+        np.hypot(1.5, 0.1) - 0.11
+    )
     # the box stands on the plane; hulls have single precision in MuJoCo
     assert found["distance of link2 and world"] == pytest.approx(0.0, abs=1e-7)
 
@@ -194,15 +258,27 @@ def test_entries() -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"body": "link9", "sphere": 1}, r"entry 1: there is no body 'link9' \(valid: link1, link2, link3, world\)"),
+        (
+            {"body": "link9", "sphere": 1},
+            r"entry 1: there is no body 'link9' \(valid: link1, link2, link3, world\)",
+        ),
         ({"sphere": 1}, "does not name its body"),
         ({"body": "link1"}, "exactly one of sphere.*found none"),
         ({"body": "link1", "sphere": 1, "box": [1, 1, 1]}, "found sphere and box"),
         ({"body": "link1", "sphere": -1}, "radius must be a positive number"),
-        ({"body": "link1", "sphere": 0.1, "rpy": [0, 0, 0]}, "'rpy' has no meaning for a sphere"),
-        ({"body": "link1", "sphere": 0.1, "at": [0, float("nan"), 0]}, "'at' needs 3 numbers"),
+        (
+            {"body": "link1", "sphere": 0.1, "rpy": [0, 0, 0]},
+            "'rpy' has no meaning for a sphere",
+        ),
+        (
+            {"body": "link1", "sphere": 0.1, "at": [0, float("nan"), 0]},
+            "'at' needs 3 numbers",
+        ),
         ({"body": "link1", "capsule": 0.1, "from": [0, 0, 0]}, "needs 'to'"),
-        ({"body": "link1", "capsule": 0.1, "from": [0, 0, 0], "to": [0, 0, 0]}, "must not be zero"),
+        (
+            {"body": "link1", "capsule": 0.1, "from": [0, 0, 0], "to": [0, 0, 0]},
+            "must not be zero",
+        ),
         ({"body": "link1", "plane": [0, 0, 1]}, "only belong to the world"),
         ({"body": "link1", "mesh": "none.stl"}, "is not found"),
         ("link1", "expected a mapping"),

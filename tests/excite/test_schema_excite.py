@@ -68,7 +68,14 @@ excitation:
   seed: 0
   iterations: 60
 """
-MODELS = (ExcitationEntry, LimitsEntry, FrameEntry, BoxEntry, HalfSpaceEntry, CollisionsEntry)
+MODELS = (
+    ExcitationEntry,
+    LimitsEntry,
+    FrameEntry,
+    BoxEntry,
+    HalfSpaceEntry,
+    CollisionsEntry,
+)
 
 
 def read(section: str) -> ExcitationEntry:
@@ -77,18 +84,52 @@ def read(section: str) -> ExcitationEntry:
 
 def test_every_key_becomes_numbers_in_si_units() -> None:
     entry = read(FULL)
-    assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.segments) == (10, 200, "bspline", 7, 12)
-    assert (entry.criterion, entry.noise, entry.move) == ("condition", {"all": 1, "j2": 0.1}, ("j1",))
-    assert (entry.hold, entry.centre, entry.effort_margin) == ({"j2": -math.pi / 2}, {"j1": 0.3}, 0.2)
+    assert (
+        entry.duration,
+        entry.rate,
+        entry.family,
+        entry.harmonics,
+        entry.segments,
+    ) == (10, 200, "bspline", 7, 12)
+    assert (entry.criterion, entry.noise, entry.move) == (
+        "condition",
+        {"all": 1, "j2": 0.1},
+        ("j1",),
+    )
+    assert (entry.hold, entry.centre, entry.effort_margin) == (
+        {"j2": -math.pi / 2},
+        {"j1": 0.3},
+        0.2,
+    )
     assert (entry.starts, entry.seed, entry.iterations) == (8, 0, 60)
     limits, free = entry.limits, math.inf
-    assert limits.position == {"j1": (-math.pi, 3.1), "j2": (-free, 2), "all": (-free, free)}
-    assert (limits.velocity, limits.acceleration) == ({"all": math.tau}, {"all": 10, "j1": free})
-    assert (limits.jerk, limits.effort, limits.scale) == ({"all": free}, {"j1": 87}, 0.8)
+    assert limits.position == {
+        "j1": (-math.pi, 3.1),
+        "j2": (-free, 2),
+        "all": (-free, free),
+    }
+    assert (limits.velocity, limits.acceleration) == (
+        {"all": math.tau},
+        {"all": 10, "j1": free},
+    )
+    assert (limits.jerk, limits.effort, limits.scale) == (
+        {"all": free},
+        {"j1": 87},
+        0.8,
+    )
     inside, over = entry.frames
-    assert (inside.body, inside.point, inside.radius, inside.above) == ("j2", (0, 0, 0.1), 0.05, None)
+    assert (inside.body, inside.point, inside.radius, inside.above) == (
+        "j2",
+        (0, 0, 0.1),
+        0.05,
+        None,
+    )
     assert inside.box is not None
-    assert (inside.box.x, inside.box.y, inside.box.z) == ((-0.5, free), None, (0.05, 1.2))
+    assert (inside.box.x, inside.box.y, inside.box.z) == (
+        (-0.5, free),
+        None,
+        (0.05, 1.2),
+    )
     assert over.above is not None
     assert over.above.normal == pytest.approx((0, 0.6, 0.8), abs=1e-15)
     assert (over.above.offset, over.radius, over.point) == (-0.2, 0, (0, 0, 0))
@@ -99,14 +140,24 @@ def test_every_key_becomes_numbers_in_si_units() -> None:
         True,
         (("j1", "table"),),
     )
-    assert pairs.shapes == ({"body": "j1", "capsule": 0.1, "from": [0, 0, 0], "to": [0, 0, math.pi / 4]},)
+    assert pairs.shapes == (
+        {"body": "j1", "capsule": 0.1, "from": [0, 0, 0], "to": [0, 0, math.pi / 4]},
+    )
     assert pairs.obstacles == ({"name": "ball", "sphere": 0.1},)
 
 
-@pytest.mark.parametrize("section", ["", "excitation: {limits: {}, collisions: {}, iterations: 500}"])
+@pytest.mark.parametrize(
+    "section", ["", "excitation: {limits: {}, collisions: {}, iterations: 500}"]
+)
 def test_what_is_absent_has_the_defaults(section: str) -> None:
     entry = read(section)
-    assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.segments) == (
+    assert (
+        entry.duration,
+        entry.rate,
+        entry.family,
+        entry.harmonics,
+        entry.segments,
+    ) == (
         None,
         100,
         "fourier",
@@ -114,8 +165,18 @@ def test_what_is_absent_has_the_defaults(section: str) -> None:
         8,
     )
     assert (entry.criterion, entry.noise, entry.move) == ("condition", {"all": 1}, None)
-    assert (entry.hold, entry.centre, entry.effort_margin, entry.frames) == ({}, {}, 0.1, ())
-    assert (entry.starts, entry.seed, entry.iterations, entry.budget) == (4, 2015, 500, 40)
+    assert (entry.hold, entry.centre, entry.effort_margin, entry.frames) == (
+        {},
+        {},
+        0.1,
+        (),
+    )
+    assert (entry.starts, entry.seed, entry.iterations, entry.budget) == (
+        4,
+        2015,
+        500,
+        40,
+    )
     limits, pairs = entry.limits, entry.collisions
     assert (limits.position, limits.velocity, limits.acceleration) == ({}, {}, {})
     assert (limits.jerk, limits.effort, limits.scale) == ({}, {}, 1)
@@ -126,9 +187,14 @@ def test_what_is_absent_has_the_defaults(section: str) -> None:
 @pytest.mark.parametrize("unset", [True, False])
 def test_what_is_written_as_json_is_read_again(unset: bool) -> None:
     entry = read(FULL)
-    text = json.dumps(entry.model_dump(mode="json", exclude_unset=unset, exclude_none=True), allow_nan=False)
+    text = json.dumps(
+        entry.model_dump(mode="json", exclude_unset=unset, exclude_none=True),
+        allow_nan=False,
+    )
     assert ExcitationEntry.model_validate(json.loads(text)) == entry
-    assert ExcitationEntry.model_validate(ExcitationEntry().model_dump(mode="json", exclude_none=True)) == read("")
+    assert ExcitationEntry.model_validate(
+        ExcitationEntry().model_dump(mode="json", exclude_none=True)
+    ) == read("")
 
 
 def test_the_published_schema_accepts_what_is_read() -> None:
@@ -136,7 +202,12 @@ def test_the_published_schema_accepts_what_is_read() -> None:
 
 
 @pytest.mark.parametrize(
-    "section", [{"limits": {"velocity": [1, 2]}}, {"frames": [{"point": [0, 0, 0]}]}, {"noise": {"j1": []}}]
+    "section",
+    [
+        {"limits": {"velocity": [1, 2]}},
+        {"frames": [{"point": [0, 0, 0]}]},
+        {"noise": {"j1": []}},
+    ],
 )
 def test_the_published_schema_refuses_other_shapes(section: dict[str, Any]) -> None:
     document = {**yaml.safe_load(ARM), "excitation": section}
@@ -157,67 +228,171 @@ def test_fields_are_described_by_examples_that_hold(model: type[Model]) -> None:
         assert field.description, name
         for example in field.examples or ():
             data = {**needed.get(model, {}), name: example}  # type: ignore[call-overload]
-            model.model_validate({key: value for key, value in data.items() if key != "above" or name != "box"})
+            model.model_validate(
+                {
+                    key: value
+                    for key, value in data.items()
+                    if key != "above" or name != "box"
+                }
+            )
 
 
 def test_numbers_of_python_are_accepted() -> None:
-    entry = ExcitationEntry.model_validate({"rate": 1e3, "starts": 2, "limits": {"velocity": {"j1": 2}}})
+    entry = ExcitationEntry.model_validate(
+        {"rate": 1e3, "starts": 2, "limits": {"velocity": {"j1": 2}}}
+    )
     assert (entry.rate, entry.starts, entry.limits.velocity) == (1000, 2, {"j1": 2})
 
 
 @pytest.mark.parametrize(
     ("section", "said"),
     [
-        ("{durations: 3}", "excitation.durations: unknown key; did you mean 'duration'?"),
+        (
+            "{durations: 3}",
+            "excitation.durations: unknown key; did you mean 'duration'?",
+        ),
         ("{duration: 0}", "excitation.duration: Input should be greater than 0"),
         ("{rate: inf}", "excitation.rate: 'inf' is not a finite number"),
-        ("{rate: l1}", "excitation.rate: needs a number or an expression of numbers and pi, found 'l1'"),
+        (
+            "{rate: l1}",
+            "excitation.rate: needs a number or an expression of numbers and pi, found 'l1'",
+        ),
         ("{rate: 10/0}", "only division by a non-zero number"),
         ("{rate: 1e999}", "'1e999' is beyond the range of double precision"),
-        ("{rate: true}", "excitation.rate: needs a number or an expression of numbers and pi, found 'true'"),
-        ("{rate: }", "excitation.rate: needs a number such as 0.5 or 2*pi, found nothing"),
-        ("{family: fourrier}", "excitation.family: 'fourrier' is not valid; did you mean 'fourier'?"),
+        (
+            "{rate: true}",
+            "excitation.rate: needs a number or an expression of numbers and pi, found 'true'",
+        ),
+        (
+            "{rate: }",
+            "excitation.rate: needs a number such as 0.5 or 2*pi, found nothing",
+        ),
+        (
+            "{family: fourrier}",
+            "excitation.family: 'fourrier' is not valid; did you mean 'fourier'?",
+        ),
         ("{criterion: d}", "excitation.criterion: 'd' is not valid"),
         ("{harmonics: 2.5}", "excitation.harmonics: needs a whole number, found '2.5'"),
-        ("{segments: 0}", "excitation.segments: Input should be greater than or equal to 1"),
+        (
+            "{segments: 0}",
+            "excitation.segments: Input should be greater than or equal to 1",
+        ),
         ("{starts: inf}", "excitation.starts: needs a whole number, found 'inf'"),
         ("{seed: -1}", "excitation.seed: Input should be greater than or equal to 0"),
-        ("{iterations: 0}", "excitation.iterations: Input should be greater than or equal to 1"),
+        (
+            "{iterations: 0}",
+            "excitation.iterations: Input should be greater than or equal to 1",
+        ),
         ("{noise: {j1: 0}}", "excitation.noise.j1: Input should be greater than 0"),
         ("{move: j1}", "excitation.move: needs a list, found 'j1'"),
-        ("{hold: {j1: x}}", "excitation.hold.j1: needs a number or an expression of numbers and pi, found 'x'"),
+        (
+            "{hold: {j1: x}}",
+            "excitation.hold.j1: needs a number or an expression of numbers and pi, found 'x'",
+        ),
         ("{hold: 0}", "excitation.hold: needs a mapping 'name: value', found '0'"),
-        ("{move: [j1], hold: {j1: 0}}", "'j1' moves and is held: name it under move or under hold"),
-        ("{hold: {j1: 0}, centre: {j1: 0}}", "'j1' is held, so its motion has no centre"),
-        ("{limits: {velocity: inf}}", "velocity: 'inf' is not a finite number: write none where there is no limit"),
-        ("{limits: {effort: {j1: .inf}}}", "effort.j1: '.inf' is not a finite number: write none where"),
-        ("{limits: {position: {j1: [-inf, 1]}}}", "position.j1: '-inf' is not a finite number: write none where"),
-        ("{limits: {jerk: {j1: -3}}}", "excitation.limits.jerk.j1: Input should be greater than 0"),
-        ("{limits: {acceleration: unlimited}}", "limits.acceleration: needs a number or an expression"),
-        ("{limits: {position: {j1: [1, -1]}}}", "limits.position.j1: the range is empty: 1 is larger than -1"),
-        ("{limits: {position: {j1: 2}}}", "limits.position.j1: needs a range such as [-1.5, pi/2], found '2'"),
-        ("{limits: {position: {j1: [1]}}}", "limits.position.j1: needs a range such as [-1.5, pi/2], found 1 entries"),
-        ("{limits: {velocty: 1}}", "excitation.limits.velocty: unknown key; did you mean 'velocity'?"),
-        ("{limits: {scale: 0}}", "excitation.limits.scale: Input should be greater than 0"),
-        ("{limits: {scale: 1.1}}", "excitation.limits.scale: Input should be less than or equal to 1"),
+        (
+            "{move: [j1], hold: {j1: 0}}",
+            "'j1' moves and is held: name it under move or under hold",
+        ),
+        (
+            "{hold: {j1: 0}, centre: {j1: 0}}",
+            "'j1' is held, so its motion has no centre",
+        ),
+        (
+            "{limits: {velocity: inf}}",
+            "velocity: 'inf' is not a finite number: write none where there is no limit",
+        ),
+        (
+            "{limits: {effort: {j1: .inf}}}",
+            "effort.j1: '.inf' is not a finite number: write none where",
+        ),
+        (
+            "{limits: {position: {j1: [-inf, 1]}}}",
+            "position.j1: '-inf' is not a finite number: write none where",
+        ),
+        (
+            "{limits: {jerk: {j1: -3}}}",
+            "excitation.limits.jerk.j1: Input should be greater than 0",
+        ),
+        (
+            "{limits: {acceleration: unlimited}}",
+            "limits.acceleration: needs a number or an expression",
+        ),
+        (
+            "{limits: {position: {j1: [1, -1]}}}",
+            "limits.position.j1: the range is empty: 1 is larger than -1",
+        ),
+        (
+            "{limits: {position: {j1: 2}}}",
+            "limits.position.j1: needs a range such as [-1.5, pi/2], found '2'",
+        ),
+        (
+            "{limits: {position: {j1: [1]}}}",
+            "limits.position.j1: needs a range such as [-1.5, pi/2], found 1 entries",
+        ),
+        (
+            "{limits: {velocty: 1}}",
+            "excitation.limits.velocty: unknown key; did you mean 'velocity'?",
+        ),
+        (
+            "{limits: {scale: 0}}",
+            "excitation.limits.scale: Input should be greater than 0",
+        ),
+        (
+            "{limits: {scale: 1.1}}",
+            "excitation.limits.scale: Input should be less than or equal to 1",
+        ),
         ("{effort_margin: 1}", "excitation.effort_margin: Input should be less than 1"),
         ("{frames: {body: j2}}", "excitation.frames: needs a list, found a mapping"),
         ("{frames: [{body: j2}]}", "excitation.frames[0]: give box or above"),
-        ("{frames: [{body: j2, box: {x: [0, 1]}, above: {normal: [0, 0, 1]}}]}", "give box or above, not both"),
-        ("{frames: [{body: j2, box: {}}]}", "excitation.frames[0].box: the box limits nothing: give x, y or z"),
-        ("{frames: [{body: j2, above: {normal: [0, 0, 0]}}]}", "above.normal: the normal is zero"),
-        ("{frames: [{body: j2, above: {offset: 1}}]}", "above: the key 'normal' is missing"),
-        ("{frames: [{body: j2, point: [0, 1], box: {x: [0, 1]}}]}", "[0].point: needs three numbers such as"),
-        ("{frames: [{body: j2, radius: -1, box: {x: [0, 1]}}]}", "[0].radius: Input should be greater than or equal"),
-        ("{collisions: {self: maybe}}", "excitation.collisions.self: needs true or false, found 'maybe'"),
-        ("{collisions: {clearance: -1}}", "collisions.clearance: Input should be greater than or equal to 0"),
+        (
+            "{frames: [{body: j2, box: {x: [0, 1]}, above: {normal: [0, 0, 1]}}]}",
+            "give box or above, not both",
+        ),
+        (
+            "{frames: [{body: j2, box: {}}]}",
+            "excitation.frames[0].box: the box limits nothing: give x, y or z",
+        ),
+        (
+            "{frames: [{body: j2, above: {normal: [0, 0, 0]}}]}",
+            "above.normal: the normal is zero",
+        ),
+        (
+            "{frames: [{body: j2, above: {offset: 1}}]}",
+            "above: the key 'normal' is missing",
+        ),
+        (
+            "{frames: [{body: j2, point: [0, 1], box: {x: [0, 1]}}]}",
+            "[0].point: needs three numbers such as",
+        ),
+        (
+            "{frames: [{body: j2, radius: -1, box: {x: [0, 1]}}]}",
+            "[0].radius: Input should be greater than or equal",
+        ),
+        (
+            "{collisions: {self: maybe}}",
+            "excitation.collisions.self: needs true or false, found 'maybe'",
+        ),
+        (
+            "{collisions: {clearance: -1}}",
+            "collisions.clearance: Input should be greater than or equal to 0",
+        ),
         (
             "{collisions: {shapes: [ball]}}",
             "collisions.shapes[0]: needs a mapping such as {body: link3, sphere: 0.06}, found 'ball'",
         ),
-        ("{collisions: {shapes: [{sphere: {radius: 0.1}}]}}", "collisions.shapes[0]: needs a number such as 0.5"),
-        ("{collisions: {exclude: [[a]]}}", "exclude[0]: needs a pair of names such as [link1, link3], found 1 entries"),
-        ("{collisions: {exclude: [a, b]}}", "exclude[0]: needs a pair of names such as [link1, link3], found 'a'"),
+        (
+            "{collisions: {shapes: [{sphere: {radius: 0.1}}]}}",
+            "collisions.shapes[0]: needs a number such as 0.5",
+        ),
+        (
+            "{collisions: {exclude: [[a]]}}",
+            "exclude[0]: needs a pair of names such as [link1, link3], found 1 entries",
+        ),
+        (
+            "{collisions: {exclude: [a, b]}}",
+            "exclude[0]: needs a pair of names such as [link1, link3], found 'a'",
+        ),
     ],
 )
 def test_mistakes_are_named_with_their_place(section: str, said: str) -> None:
@@ -228,7 +403,9 @@ def test_mistakes_are_named_with_their_place(section: str, said: str) -> None:
     assert str(caught.value).startswith("arm.yaml: excitation")
 
 
-def test_the_robot_is_the_same_with_the_section_and_is_written_without(tmp_path: Path) -> None:
+def test_the_robot_is_the_same_with_the_section_and_is_written_without(
+    tmp_path: Path,
+) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(ARM + FULL, encoding="utf-8")
     mechanism = ec.load(file)

@@ -61,8 +61,12 @@ def test_torques_are_pinocchios() -> None:
     state = random_states(mechanism, 8)
     found = torques(mechanism, standard_vector(mechanism)).values(*state)
     data = model.createData()
-    states = [pinocchio_state(mechanism, model, *(x[k] for x in state)) for k in range(8)]
-    expected = np.array([s.to_ours(pin.rnea(model, data, s.q, s.v, s.a)) for s in states])
+    states = [
+        pinocchio_state(mechanism, model, *(x[k] for x in state)) for k in range(8)
+    ]
+    expected = np.array(
+        [s.to_ours(pin.rnea(model, data, s.q, s.v, s.a)) for s in states]
+    )
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
@@ -72,7 +76,9 @@ def test_torques_with_friction() -> None:
     state = random_states(mechanism, 8)
     expected = float_regressor(mechanism, *state) @ standard
     found = torques(mechanism, standard)
-    np.testing.assert_allclose(found.values(*state), expected, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found.values(*state), expected, atol=1e-11 * np.abs(expected).max()
+    )
     assert found.labels[:2] == ("torque of j1", "torque of j2")
     assert found.units[0] == "N·m"
     np.testing.assert_allclose(found.high, 0.9 * (100 + np.arange(6)))
@@ -90,13 +96,21 @@ def test_torques_of_motors() -> None:
     found = effort_limits(mechanism, limits, EffortModel(standard), 0.0, None)
     state = random_states(mechanism, 5)
     joints = torques(mechanism, standard).values(*state)
-    np.testing.assert_allclose(found.values(*state) @ ratios, joints, atol=1e-11 * np.abs(joints).max())
+    np.testing.assert_allclose(
+        found.values(*state) @ ratios, joints, atol=1e-11 * np.abs(joints).max()
+    )
 
 
 def test_forces_of_slides() -> None:
     cart = ec.load(EXAMPLES / "cart_pole.yaml")
     standard = np.random.default_rng(0).normal(size=len(cart.parameters))
-    found = effort_limits(cart, [EffortLimit(cart.velocities[0], "N", 5.0)], EffortModel(standard), 0.2, None)
+    found = effort_limits(
+        cart,
+        [EffortLimit(cart.velocities[0], "N", 5.0)],
+        EffortModel(standard),
+        0.2,
+        None,
+    )
     assert found.labels == (f"force of {cart.velocities[0]}",)
     assert (found.low[0], found.high[0]) == (-4.0, 4.0)
 
@@ -109,18 +123,29 @@ def test_slopes_of_torques(smooth: float | None) -> None:
 
 def test_smoothed_torques_differ_near_standstill_only() -> None:
     mechanism, standard = tx40_standard()
-    sharp, smooth = torques(mechanism, standard), torques(mechanism, standard, smooth=0.01)
+    sharp, smooth = (
+        torques(mechanism, standard),
+        torques(mechanism, standard, smooth=0.01),
+    )
     q, qd, qdd = random_states(mechanism, 6)
     qd = np.sign(qd) * np.maximum(np.abs(qd), 0.3)
     qd[:, 5] = 2.0 * np.sign(qd[:, 4])  # nor does the wrist's motor stand still
-    np.testing.assert_allclose(smooth.values(q, qd, qdd), sharp.values(q, qd, qdd), atol=1e-9)
-    assert np.abs(smooth.values(q, 0.01 * qd, qdd) - sharp.values(q, 0.01 * qd, qdd)).max() > 0.05
+    np.testing.assert_allclose(
+        smooth.values(q, qd, qdd), sharp.values(q, qd, qdd), atol=1e-9
+    )
+    assert (
+        np.abs(smooth.values(q, 0.01 * qd, qdd) - sharp.values(q, 0.01 * qd, qdd)).max()
+        > 0.05
+    )
 
 
 def test_torques_need_a_prior_model() -> None:
     mechanism, standard = tx40_standard()
     standard[3] = np.nan
-    with pytest.raises(InputError, match=rf"need a prior model; {mechanism.parameters[3]} have no values"):
+    with pytest.raises(
+        InputError,
+        match=rf"need a prior model; {mechanism.parameters[3]} have no values",
+    ):
         torques(mechanism, standard)
 
 
@@ -152,7 +177,9 @@ def test_points_are_where_frames_take_them() -> None:
     frames = Kinematics(mechanism).frames(q)
     for k, limit in enumerate(points()):
         place = frames[:, names.index(limit.body)]
-        expected = (place[..., :3] @ np.array(limit.point) + place[..., 3]) @ np.array(limit.direction)
+        expected = (place[..., :3] @ np.array(limit.point) + place[..., 3]) @ np.array(
+            limit.direction
+        )
         np.testing.assert_allclose(found.values(q, qd, qdd)[:, k], expected, atol=1e-13)
     assert found.labels == ("z of wrist", "slanted of elbow", "z of shoulder")
     assert found.units == ("m",) * 3
@@ -174,10 +201,14 @@ def test_points_of_open_geometry(tmp_path: Path) -> None:
         point_limits(arm, [limit])
     q, qd, qdd = random_states(arm, 3)
     stated = tmp_path / "stanford.yaml"
-    stated.write_text((EXAMPLES / "stanford.yaml").read_text().replace("d2: null", "d2: 0.2"))
+    stated.write_text(
+        (EXAMPLES / "stanford.yaml").read_text().replace("d2: null", "d2: 0.2")
+    )
     frames = Kinematics(arm, {"d2": 0.2}).frames(q)[:, -1]
     found = point_limits(ec.load(stated), [limit]).values(q, qd, qdd)[:, 0]
-    np.testing.assert_allclose(found, frames[:, 1, 2] * 0.1 + frames[:, 1, 3], atol=1e-14)
+    np.testing.assert_allclose(
+        found, frames[:, 1, 2] * 0.1 + frames[:, 1, 3], atol=1e-14
+    )
 
 
 def test_points_need_a_body() -> None:
@@ -196,11 +227,23 @@ def test_enclosures_hold(case: int, size: float) -> None:
     mechanism, limits = all_limits()[case]
     rng = np.random.default_rng(0)
     centres = dict(zip(STATE, random_states(mechanism, 300), strict=True))
-    low, high = limits.enclosures({name: (x - size, x + size) for name, x in centres.items()})
-    sharp = StateLimits(limits.labels, limits.units, limits.low, limits.high, limits.function, limits.uniform)
+    low, high = limits.enclosures(
+        {name: (x - size, x + size) for name, x in centres.items()}
+    )
+    sharp = StateLimits(
+        limits.labels,
+        limits.units,
+        limits.low,
+        limits.high,
+        limits.function,
+        limits.uniform,
+    )
     assert low.shape == (300, len(limits.labels))
     for _ in range(20):
-        inside = [x + size * rng.choice([-1, 1, rng.uniform(-1, 1)], x.shape) for x in centres.values()]
+        inside = [
+            x + size * rng.choice([-1, 1, rng.uniform(-1, 1)], x.shape)
+            for x in centres.values()
+        ]
         values = sharp.values(*inside)
         slack = 1e-11 * np.abs(values).max()
         assert np.all(values >= low - slack)
@@ -216,7 +259,13 @@ def with_zeros() -> StateLimits:
     argument = Argument("q", (x.node, y.node), ("q1", "q2"), ("rad", "rad"))
     labels = ("none", "sum", "nothing", "product", "zero")
     # not in the order of the rows, either
-    function = Function("mixed", program, (argument,), {(3,): (x * y).node, (1,): (x + y).node}, (labels,))
+    function = Function(
+        "mixed",
+        program,
+        (argument,),
+        {(3,): (x * y).node, (1,): (x + y).node},
+        (labels,),
+    )
     high = np.array([1.0, 5, 1, 20, 1])
     return StateLimits(labels, ("",) * 5, -high, high, function, {})
 
@@ -242,8 +291,13 @@ def test_a_limit_is_broken_where_it_is_although_others_vanish() -> None:
     box = np.array([[2.9, 4.9]]), np.array([[3.1, 5.1]])
     low, high = limits.enclosures(dict.fromkeys(STATE, box))
     assert (low[0, 1], high[0, 1]) == (pytest.approx(7.8), pytest.approx(8.2))
-    assert (low[0, 3], high[0, 3]) == (pytest.approx(2.9 * 4.9), pytest.approx(3.1 * 5.1))
-    np.testing.assert_array_equal(low[0] > limits.high, [False, True, False, False, False])
+    assert (low[0, 3], high[0, 3]) == (
+        pytest.approx(2.9 * 4.9),
+        pytest.approx(3.1 * 5.1),
+    )
+    np.testing.assert_array_equal(
+        low[0] > limits.high, [False, True, False, False, False]
+    )
 
 
 # -- other constraints -------------------------------------------------------------------------------------------------
@@ -262,7 +316,9 @@ def test_tightened_bounds() -> None:
     values = inner.values(state[:, 0], state[:, 1], state[:, 2])
     np.testing.assert_array_equal(second.values(x), values)
     below, above = second.slacks(values)
-    np.testing.assert_allclose(below[:, [0, 2]], (values - second.low)[:, [0, 2]] / [0.9, 1.8])
+    np.testing.assert_allclose(
+        below[:, [0, 2]], (values - second.low)[:, [0, 2]] / [0.9, 1.8]
+    )
     np.testing.assert_allclose(above[:, 1], (0.1 - values[:, 1]) / 0.1)
     assert second.room(x) == min(below.min(), above.min())
 
@@ -275,9 +331,13 @@ def test_sums_over_samples_are_derivatives_by_the_coefficients() -> None:
     x, step = rng.normal(size=(2, problem.size))
     weights = rng.random((len(problem.grid), 4))
     slopes = problem.slopes(x)
-    differences = (problem.values(x + 1e-6 * step) - problem.values(x - 1e-6 * step)) / 2e-6
+    differences = (
+        problem.values(x + 1e-6 * step) - problem.values(x - 1e-6 * step)
+    ) / 2e-6
     np.testing.assert_allclose(problem.along(slopes, step), differences, atol=1e-7)
-    assert problem.gathered(slopes, weights) @ step == pytest.approx(float((weights * differences).sum()), rel=1e-6)
+    assert problem.gathered(slopes, weights) @ step == pytest.approx(
+        float((weights * differences).sum()), rel=1e-6
+    )
     curved = step @ problem.curvature(slopes, weights) @ step
     assert curved == pytest.approx(float((weights * differences**2).sum()), rel=1e-6)
 
@@ -310,9 +370,14 @@ def tx40() -> tuple[ec.BaseModel, Floats, Floats]:
     return base, base.values(standard), spread @ spread.T
 
 
-def identified_efforts(deviations: float = 3.0, smooth: float | None = None) -> Enclosed:
+def identified_efforts(
+    deviations: float = 3.0, smooth: float | None = None
+) -> Enclosed:
     base, values, covariance = tx40()
-    names = [EffortLimit(name, "N·m", 100.0 + k) for k, name in enumerate(base.mechanism.velocities)]
+    names = [
+        EffortLimit(name, "N·m", 100.0 + k)
+        for k, name in enumerate(base.mechanism.velocities)
+    ]
     model = EffortModel(values, base.matrix.pivots, covariance, deviations)
     return effort_limits(base.mechanism, names, model, 0.1, smooth)
 
@@ -324,16 +389,25 @@ def test_efforts_plus_and_minus_deviations() -> None:
     middle, std = X @ values, np.sqrt(np.einsum("nik,kl,nil->ni", X, covariance, X))
     found = identified_efforts()
     size = np.abs(middle).max()
-    np.testing.assert_allclose(found.values(*state)[:, ::2], middle + 3 * std, atol=1e-9 * size)
-    np.testing.assert_allclose(found.values(*state)[:, 1::2], middle - 3 * std, atol=1e-9 * size)
-    assert found.labels[:2] == ("torque of j1 plus 3 deviations", "torque of j1 minus 3 deviations")
+    np.testing.assert_allclose(
+        found.values(*state)[:, ::2], middle + 3 * std, atol=1e-9 * size
+    )
+    np.testing.assert_allclose(
+        found.values(*state)[:, 1::2], middle - 3 * std, atol=1e-9 * size
+    )
+    assert found.labels[:2] == (
+        "torque of j1 plus 3 deviations",
+        "torque of j1 minus 3 deviations",
+    )
     np.testing.assert_array_equal(found.high[:4], [90, np.inf, 0.9 * 101, np.inf])
     np.testing.assert_array_equal(found.low[:4], [-np.inf, -90, -np.inf, -0.9 * 101])
 
 
 def test_slopes_are_those_of_differences() -> None:
     limits = identified_efforts(smooth=0.1)
-    state = dict(zip(("q", "qd", "qdd"), random_states(tx40()[0].mechanism, 4), strict=True))
+    state = dict(
+        zip(("q", "qd", "qdd"), random_states(tx40()[0].mechanism, 4), strict=True)
+    )
     for name, found in zip(state, limits.slopes(*state.values()), strict=True):
         expected = slopes_by_state(limits.values, state, name)
         assert found is not None
@@ -343,10 +417,19 @@ def test_slopes_are_those_of_differences() -> None:
 @pytest.mark.parametrize("size", [0.0, 1e-3, 0.3])
 def test_enclosures_of_deviations_hold(size: float) -> None:
     limits, rng = identified_efforts(), np.random.default_rng(0)
-    centres = dict(zip(("q", "qd", "qdd"), random_states(tx40()[0].mechanism, 300), strict=True))
-    low, high = limits.enclosures({name: (x - size, x + size) for name, x in centres.items()})
+    centres = dict(
+        zip(("q", "qd", "qdd"), random_states(tx40()[0].mechanism, 300), strict=True)
+    )
+    low, high = limits.enclosures(
+        {name: (x - size, x + size) for name, x in centres.items()}
+    )
     for _ in range(20):
-        values = limits.values(*(x + size * rng.choice([-1, 1, rng.uniform(-1, 1)], x.shape) for x in centres.values()))
+        values = limits.values(
+            *(
+                x + size * rng.choice([-1, 1, rng.uniform(-1, 1)], x.shape)
+                for x in centres.values()
+            )
+        )
         slack = 1e-11 * np.abs(values).max()
         assert np.all(values >= low - slack)
         assert np.all(values <= high + slack)
@@ -359,7 +442,9 @@ def test_bounds_contain_all_samples(name: str) -> None:
     limits = identified_efforts()
     motion = random_motion(families(2.0)[name], 6, 0, 0.15)
     least, largest = reach(motion, limits)
-    values = limits.values(*motion.states(np.linspace(0, motion.duration, round(10_000 * motion.duration))))
+    values = limits.values(
+        *motion.states(np.linspace(0, motion.duration, round(10_000 * motion.duration)))
+    )
     slack = 1e-9 * np.abs(values).max()
     assert np.all(least <= values.min(axis=0) + slack)
     assert np.all(largest >= values.max(axis=0) - slack)
@@ -368,9 +453,14 @@ def test_bounds_contain_all_samples(name: str) -> None:
 def test_without_deviations_a_model_is_trusted() -> None:
     mechanism, standard = tx40_standard()
     state = random_states(mechanism, 8)
-    found, expected = identified_efforts(deviations=0.0), torques(mechanism, standard).values(*state)
+    found, expected = (
+        identified_efforts(deviations=0.0),
+        torques(mechanism, standard).values(*state),
+    )
     assert found.labels[0] == "torque of j1"
-    np.testing.assert_allclose(found.values(*state), expected, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found.values(*state), expected, atol=1e-11 * np.abs(expected).max()
+    )
 
 
 # -- from a file that an identification wrote --------------------------------------------------------------------------
@@ -383,8 +473,20 @@ def arm() -> Result:
 
 def designed(**changes: Any) -> ec.ExcitingTrajectory:
     setup = replace(ec.load_setup(arm().folder.parent / "setup.yaml"), robot_file=None)
-    limits = {"position": [-1.5, 1.5], "velocity": 3, "acceleration": 20, "jerk": 500, "effort": 12}
-    settings = {"duration": 4, "starts": 1, "harmonics": 3, "limits": limits, "effort_margin": 0}
+    limits = {
+        "position": [-1.5, 1.5],
+        "velocity": 3,
+        "acceleration": 20,
+        "jerk": 500,
+        "effort": 12,
+    }
+    settings = {
+        "duration": 4,
+        "starts": 1,
+        "harmonics": 3,
+        "limits": limits,
+        "effort_margin": 0,
+    }
     return ec.exciting_trajectory(setup, **{**settings, **changes})
 
 
@@ -407,7 +509,10 @@ def test_torques_of_robots_that_the_data_allow_stay_below_limits() -> None:
 
 def largest(found: ec.ExcitingTrajectory) -> float:
     """Largest torque of three deviations, by the saved model's own regressor."""
-    model, states = arm().model, found.trajectory.states(np.arange(0, found.trajectory.duration, 1e-3))
+    model, states = (
+        arm().model,
+        found.trajectory.states(np.arange(0, found.trajectory.duration, 1e-3)),
+    )
     X = model.base.regressor(*states)
     std = np.sqrt(np.einsum("nik,kl,nil->ni", X, arm().covariance, X))
     return float((np.abs(X @ model.values) + 3 * std).max())
@@ -416,8 +521,12 @@ def largest(found: ec.ExcitingTrajectory) -> float:
 @pytest.mark.slow
 def test_draws_of_the_model_break_limits_as_rarely_as_deviations_say() -> None:
     found = careful()
-    X = arm().base.regressor(*found.trajectory.states(np.arange(0, found.trajectory.duration, 1e-2)))
-    drawn = np.random.default_rng(0).multivariate_normal(arm().model.values, arm().covariance, DRAWS)
+    X = arm().base.regressor(
+        *found.trajectory.states(np.arange(0, found.trajectory.duration, 1e-2))
+    )
+    drawn = np.random.default_rng(0).multivariate_normal(
+        arm().model.values, arm().covariance, DRAWS
+    )
     beyond = (np.abs(X.reshape(-1, X.shape[-1]) @ drawn.T) > 12).any(axis=0)
     assert beyond.mean() < 0.05
 
@@ -426,7 +535,9 @@ def test_a_model_of_another_robot_is_refused() -> None:
     setup = ec.load_setup("examples/double_pendulum.yaml")
     with pytest.raises(InputError, match=r"model\.json has other base parameters"):
         ec.exciting_trajectory(
-            setup, model=str(arm().folder / "model.json"), limits={"position": [-1, 1], "velocity": 1, "effort": 1}
+            setup,
+            model=str(arm().folder / "model.json"),
+            limits={"position": [-1, 1], "velocity": 1, "effort": 1},
         )
 
 

@@ -44,7 +44,9 @@ SAMPLED = [".csv", ".parquet", ".yaml"]
 
 
 @pytest.mark.parametrize("suffix", SAMPLED)
-def test_samples_read_back_as_the_spline_through_them(tmp_path: Path, suffix: str) -> None:
+def test_samples_read_back_as_the_spline_through_them(
+    tmp_path: Path, suffix: str
+) -> None:
     """Also where the end is not a multiple of the step, and in another order."""
     there, path = smooth(2.0037), tmp_path / f"run{suffix}"
     write_trajectory(there, path, 250)
@@ -55,21 +57,32 @@ def test_samples_read_back_as_the_spline_through_them(tmp_path: Path, suffix: st
     # times of messages are whole nanoseconds, which accelerations see divided by the step squared
     for order, tolerance in enumerate((1e-7, 1e-5, 2e-3)):
         np.testing.assert_allclose(
-            mine[order][:, ::-1], theirs[order], rtol=0, atol=tolerance * np.abs(theirs[0]).max()
+            mine[order][:, ::-1],
+            theirs[order],
+            rtol=0,
+            atol=tolerance * np.abs(theirs[0]).max(),
         )
 
 
 def test_samples_end_with_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     """Equal steps, but for a last one that is shorter; evaluated piece by piece or at once."""
-    for duration, rate, last in ((2.0037, 250, 0.0037 % 0.004), (0.7, 30, 1 / 30), (2 * np.pi, 10, 2 * np.pi % 0.1)):
+    for duration, rate, last in (
+        (2.0037, 250, 0.0037 % 0.004),
+        (0.7, 30, 1 / 30),
+        (2 * np.pi, 10, 2 * np.pi % 0.1),
+    ):
         there = smooth(duration)
         found = sampled(there, rate)
         np.testing.assert_allclose(np.diff(found.t)[:-1], 1 / rate, rtol=1e-9)
         assert found.t[-1] == duration
         assert found.t[-1] - found.t[-2] == pytest.approx(last, abs=1e-9)
         monkeypatch.setattr(samples_module, "_AT_ONCE", 7 * there.basis.size)
-        for whole, pieces in zip(found.states, sampled(there, rate).states, strict=True):
-            np.testing.assert_allclose(pieces, whole, rtol=0, atol=1e-12 * np.abs(whole).max())
+        for whole, pieces in zip(
+            found.states, sampled(there, rate).states, strict=True
+        ):
+            np.testing.assert_allclose(
+                pieces, whole, rtol=0, atol=1e-12 * np.abs(whole).max()
+            )
         np.testing.assert_array_equal(found.states[1], there(found.t, 1))
         monkeypatch.undo()
 
@@ -78,7 +91,9 @@ def test_rounded_times_of_messages_contradict_nothing(tmp_path: Path) -> None:
     """Fast samples of a slow motion: whole nanoseconds alone change its accelerations by 40 %."""
     basis = uniform_splines(0.5, 1)
     t = np.linspace(0, 0.5, 30)
-    points = np.linalg.lstsq(basis.values(t), np.column_stack([t + 0.01 * t**2, t]), rcond=None)[0]
+    points = np.linalg.lstsq(
+        basis.values(t), np.column_stack([t + 0.01 * t**2, t]), rcond=None
+    )[0]
     there, path = Trajectory(NAMES, UNITS, basis, points), tmp_path / "run.yaml"
     write_trajectory(there, path, 3001)
     found = read_trajectory(path, NAMES, UNITS)
@@ -94,7 +109,10 @@ def test_a_polynomial_of_degree_five_is_exact(tmp_path: Path, suffix: str) -> No
     np.testing.assert_allclose(found(t, 2), there(t, 2), rtol=0, atol=1e-9)
     # the property on which limits are checked: bounds hold everywhere
     for order in range(4):
-        assert np.all(np.abs(found(t, order)).max(axis=0) <= found.basis.bounds(found.coefficients, order) + 1e-9)
+        assert np.all(
+            np.abs(found(t, order)).max(axis=0)
+            <= found.basis.bounds(found.coefficients, order) + 1e-9
+        )
 
 
 @pytest.mark.parametrize("suffix", SAMPLED)
@@ -110,7 +128,9 @@ def test_a_periodic_motion_can_be_repeated(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize("suffix", [".json", *SAMPLED])
 def test_one_that_is_not_periodic_cannot(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
-    with pytest.raises(InputError, match="repeats: a motion that is not periodic cannot be run 2 times"):
+    with pytest.raises(
+        InputError, match="repeats: a motion that is not periodic cannot be run 2 times"
+    ):
         write_trajectory(motion(uniform_splines(2.0, 3)), path, 100, repeats=2)
     with pytest.raises(InputError, match="repeats: 0 is not a number of runs"):
         write_trajectory(smooth(), path, 100, repeats=0)
@@ -136,8 +156,14 @@ def test_rates_that_are_wrong(rate: float, problem: str, tmp_path: Path) -> None
 
 
 def test_suffixes_that_are_not_known(tmp_path: Path) -> None:
-    for call in (lambda p: write_trajectory(smooth(), p, 100), lambda p: read_trajectory(p, NAMES, UNITS)):
-        with pytest.raises(InputError, match=r"'.xml' names no kind.*valid are .json, .csv, .parquet, .yaml"):
+    for call in (
+        lambda p: write_trajectory(smooth(), p, 100),
+        lambda p: read_trajectory(p, NAMES, UNITS),
+    ):
+        with pytest.raises(
+            InputError,
+            match=r"'.xml' names no kind.*valid are .json, .csv, .parquet, .yaml",
+        ):
             call(tmp_path / "run.xml")
     with pytest.raises(InputError, match="no such file"):
         read_trajectory(tmp_path / "run.csv", NAMES, UNITS)
@@ -149,17 +175,23 @@ def test_suffixes_that_are_not_known(tmp_path: Path) -> None:
 def test_equal_trajectories_give_equal_files_whole(tmp_path: Path, suffix: str) -> None:
     for name in ("one", "two"):
         write_trajectory(smooth(), tmp_path / f"{name}{suffix}", 100)
-    assert (tmp_path / f"one{suffix}").read_bytes() == (tmp_path / f"two{suffix}").read_bytes()
+    assert (tmp_path / f"one{suffix}").read_bytes() == (
+        tmp_path / f"two{suffix}"
+    ).read_bytes()
     assert len(list(tmp_path.iterdir())) == 2  # nothing temporary is left
 
 
 @pytest.mark.parametrize("share", [0.001, 0.1, 0.5, 0.9, 0.999])
 @pytest.mark.parametrize("suffix", [".json", ".parquet", ".yaml"])
-def test_a_file_that_was_cut_off_is_one_clear_error(tmp_path: Path, suffix: str, share: float) -> None:
+def test_a_file_that_was_cut_off_is_one_clear_error(
+    tmp_path: Path, suffix: str, share: float
+) -> None:
     path = tmp_path / f"run{suffix}"
     write_trajectory(smooth(), path, 100)
     content = path.read_bytes()
-    path.write_bytes(content[: max(1, int((len(content) - 1) * share))])  # a last line break is no loss
+    path.write_bytes(
+        content[: max(1, int((len(content) - 1) * share))]
+    )  # a last line break is no loss
     with pytest.raises(InputError) as caught:
         read_trajectory(path, NAMES, UNITS)
     assert str(caught.value).startswith(f"{path}: ")
@@ -175,7 +207,9 @@ def test_a_table_cut_off_inside_a_line_is_refused(tmp_path: Path) -> None:
         read_trajectory(path, NAMES, UNITS)
 
 
-def test_packages_that_are_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_packages_that_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingExtraError, match=r"echelon-robotics\[excite\]"):
         write_trajectory(smooth(), tmp_path / "run.parquet", 100)
@@ -186,7 +220,12 @@ FAMILIES: dict[str, Basis] = {
     "splines": Splines((0.0, 0.4, 1.5, 1.7, 2.5)),
     "septic": Splines((0.0, 1.0, 2.5), 7),
     "sum": Combined((Fourier(2.5, 2), uniform_splines(2.5, 4))),
-    "nested": Combined((resting_ends(Fourier(2.5, 4)), Combined((Fourier(2.5, 1), uniform_splines(2.5, 1))))),
+    "nested": Combined(
+        (
+            resting_ends(Fourier(2.5, 4)),
+            Combined((Fourier(2.5, 1), uniform_splines(2.5, 1))),
+        )
+    ),
     "resting": resting_ends(resting_ends(uniform_splines(2.5, 9))),
 }
 
@@ -201,11 +240,19 @@ def by_formula(record: dict[str, Any], name: str, t: Any) -> Any:
     if record["family"] == "sum":
         return sum(by_formula(part, name, t) for part in record["parts"])
     if record["family"] == "splines":
-        return BSpline(np.array(record["knots"]), np.array(record["control_points"][name]), record["degree"])(t)
+        return BSpline(
+            np.array(record["knots"]),
+            np.array(record["control_points"][name]),
+            record["degree"],
+        )(t)
     own, duration = record["coefficients"][name], record["duration"]
     total = own["constant"]
     for k, (a, b) in enumerate(zip(own["sin"], own["cos"], strict=True), start=1):
-        total = total + a * np.sin(2 * np.pi * k * t / duration) + b * np.cos(2 * np.pi * k * t / duration)
+        total = (
+            total
+            + a * np.sin(2 * np.pi * k * t / duration)
+            + b * np.cos(2 * np.pi * k * t / duration)
+        )
     return total
 
 
@@ -214,7 +261,12 @@ def test_a_document_says_what_the_motion_is(trajectory: Trajectory) -> None:
     t = np.linspace(0, 2.5, 101)
     for j, name in enumerate(NAMES):
         # cancelling parts of a recombined basis are large
-        np.testing.assert_allclose(by_formula(document["motion"], name, t), trajectory(t)[:, j], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            by_formula(document["motion"], name, t),
+            trajectory(t)[:, j],
+            rtol=0,
+            atol=1e-9,
+        )
 
 
 def test_a_document_reads_back(trajectory: Trajectory) -> None:
@@ -224,11 +276,15 @@ def test_a_document_reads_back(trajectory: Trajectory) -> None:
     assert (found.coordinates, found.units, found.duration) == (NAMES, UNITS, 2.5)
     t = np.linspace(0, 2.5, 101)
     for mine, theirs in zip(states(found, t), states(trajectory, t), strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
+        np.testing.assert_allclose(
+            mine, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max()
+        )
     assert trajectory_to_json(found) == document
 
 
-def test_coefficients_read_back_in_the_order_asked_for(tmp_path: Path, trajectory: Trajectory) -> None:
+def test_coefficients_read_back_in_the_order_asked_for(
+    tmp_path: Path, trajectory: Trajectory
+) -> None:
     write_trajectory(trajectory, tmp_path / "run.json", 100)
     found = read_trajectory(tmp_path / "run.json", NAMES[::-1], UNITS[::-1])
     t = np.linspace(0, 2.5, 20)
@@ -242,25 +298,37 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 @given(
     duration=st.floats(1e-6, 1e6),
     columns=st.integers(1, 3).flatmap(
-        lambda h: st.lists(st.tuples(finite, finite), min_size=1 + 2 * h, max_size=1 + 2 * h)
+        lambda h: st.lists(
+            st.tuples(finite, finite), min_size=1 + 2 * h, max_size=1 + 2 * h
+        )
     ),
 )
-def test_every_float_of_a_series_reads_back(duration: float, columns: list[tuple[float, float]]) -> None:
+def test_every_float_of_a_series_reads_back(
+    duration: float, columns: list[tuple[float, float]]
+) -> None:
     basis = Fourier(duration, len(columns) // 2)
     there = Trajectory(NAMES, UNITS, basis, np.array(columns))
-    found = trajectory_from_json(json.loads(text_of(trajectory_to_json(there))), "run.json")
+    found = trajectory_from_json(
+        json.loads(text_of(trajectory_to_json(there))), "run.json"
+    )
     assert found.basis == basis
     assert found.coefficients.tobytes() == there.coefficients.tobytes()
 
 
 @given(
-    breaks=st.lists(st.floats(1e-9, 1e9), min_size=1, max_size=5, unique=True).map(sorted),
+    breaks=st.lists(st.floats(1e-9, 1e9), min_size=1, max_size=5, unique=True).map(
+        sorted
+    ),
     degree=st.integers(5, 9),
     seed=st.integers(0, 2**32),
 )
-def test_every_float_of_a_spline_reads_back(breaks: list[float], degree: int, seed: int) -> None:
+def test_every_float_of_a_spline_reads_back(
+    breaks: list[float], degree: int, seed: int
+) -> None:
     there = motion(Splines((0.0, *breaks), degree), seed)
-    found = trajectory_from_json(json.loads(text_of(trajectory_to_json(there))), "run.json")
+    found = trajectory_from_json(
+        json.loads(text_of(trajectory_to_json(there))), "run.json"
+    )
     assert found.basis == there.basis
     assert found.coefficients.tobytes() == there.coefficients.tobytes()
 
@@ -278,7 +346,9 @@ def test_extra_data_travel_along() -> None:
 def test_what_is_not_finite_is_not_written(value: float) -> None:
     there = smooth()
     there.coefficients[2, 1] = value
-    with pytest.raises(InputError, match="coordinate 'slider': a coefficient is not finite"):
+    with pytest.raises(
+        InputError, match="coordinate 'slider': a coefficient is not finite"
+    ):
         trajectory_to_json(there)
 
 
@@ -287,13 +357,17 @@ def test_a_family_that_the_format_does_not_know_is_refused() -> None:
         duration, size, frequency, periodic = 1.0, 1, 1.0, False
         values = bounds = None
 
-    with pytest.raises(InputError, match="no motions of the family Other; write samples instead"):
+    with pytest.raises(
+        InputError, match="no motions of the family Other; write samples instead"
+    ):
         trajectory_to_json(Trajectory(NAMES, UNITS, Other(), np.zeros((1, 2))))
 
 
 def test_recombined_parts_are_written_by_name() -> None:
     """No matrix of the project's own appears in a file."""
-    document = trajectory_to_json(motion(Combined((Fourier(1.0, 1),), np.array([[1.0], [2.0], [0.0]]))))
+    document = trajectory_to_json(
+        motion(Combined((Fourier(1.0, 1),), np.array([[1.0], [2.0], [0.0]])))
+    )
     own = document["motion"]["coefficients"]["j1"]
     assert (own["sin"], own["cos"]) == ([2 * own["constant"]], [0.0])
 
@@ -302,7 +376,9 @@ def spline_document() -> dict[str, Any]:
     return trajectory_to_json(motion(uniform_splines(2.0, 3)))
 
 
-def changed(document: dict[str, Any], *path: Any, value: Any = None, drop: bool = False) -> dict[str, Any]:
+def changed(
+    document: dict[str, Any], *path: Any, value: Any = None, drop: bool = False
+) -> dict[str, Any]:
     copied = copy.deepcopy(document)
     inner: Any = copied
     for key in path[:-1]:
@@ -315,9 +391,15 @@ def changed(document: dict[str, Any], *path: Any, value: Any = None, drop: bool 
 
 
 FOURIER, SPLINE = trajectory_to_json(smooth()), spline_document()
-SERIES, POINTS = FOURIER["motion"]["coefficients"]["j1"], SPLINE["motion"]["control_points"]["j1"]
+SERIES, POINTS = (
+    FOURIER["motion"]["coefficients"]["j1"],
+    SPLINE["motion"]["control_points"]["j1"],
+)
 KNOTS = SPLINE["motion"]["knots"]
-UNLIKE = {"family": "sum", "parts": [FOURIER["motion"], trajectory_to_json(smooth(3.0))["motion"]]}
+UNLIKE = {
+    "family": "sum",
+    "parts": [FOURIER["motion"], trajectory_to_json(smooth(3.0))["motion"]],
+}
 
 
 @pytest.mark.parametrize(
@@ -383,7 +465,10 @@ def test_documents_that_are_wrong(document: Any, problem: str) -> None:
         (b"{", r"not well-formed JSON: .* \(line 1\)"),
         (b"\xff\xfe", "not UTF-8 text"),
         (b"[" * 200_000, "nested too deeply|not well-formed"),
-        (b'{"echelon_trajectory": 1, "echelon_trajectory": 1}', "the key 'echelon_trajectory' occurs twice"),
+        (
+            b'{"echelon_trajectory": 1, "echelon_trajectory": 1}',
+            "the key 'echelon_trajectory' occurs twice",
+        ),
         (b'{"echelon_trajectory": ' + b"1" * 5000 + b"}", "not readable as JSON"),
         (b"", "is empty"),
     ],
@@ -399,8 +484,16 @@ def test_coordinates_of_documents_are_compared(tmp_path: Path) -> None:
     path = tmp_path / "run.json"
     write_trajectory(smooth(), path, 100)
     for names, units, problem in (
-        (["j1", "j2"], UNITS, "coordinates: the coordinate 'j2' is missing; there are 'j1', 'slider'"),
-        (["slider"], ["m"], "coordinates: there is no coordinate for 'j1'; valid are 'slider'"),
+        (
+            ["j1", "j2"],
+            UNITS,
+            "coordinates: the coordinate 'j2' is missing; there are 'j1', 'slider'",
+        ),
+        (
+            ["slider"],
+            ["m"],
+            "coordinates: there is no coordinate for 'j1'; valid are 'slider'",
+        ),
         (NAMES, ["rad", "rad"], "units: 'slider' is in m; needs rad"),
     ):
         with pytest.raises(InputError, match=problem):

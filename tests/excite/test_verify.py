@@ -48,8 +48,17 @@ def moving(basis: Basis, like: StateLimits, size: float, seed: int = 0) -> Traje
 
 def reached(motion: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
     """The least and the largest of ten thousand samples per second, without smoothing."""
-    sharp = StateLimits(limits.labels, limits.units, limits.low, limits.high, limits.function, limits.uniform)
-    values = sharp.values(*motion.states(np.linspace(0, motion.duration, round(RATE * motion.duration))))
+    sharp = StateLimits(
+        limits.labels,
+        limits.units,
+        limits.low,
+        limits.high,
+        limits.function,
+        limits.uniform,
+    )
+    values = sharp.values(
+        *motion.states(np.linspace(0, motion.duration, round(RATE * motion.duration)))
+    )
     return values.min(axis=0), values.max(axis=0)
 
 
@@ -63,7 +72,9 @@ def test_cells_hold_a_parabola_exactly() -> None:
     basis, t = Splines((0.0, 0.5, 1.0)), np.linspace(0, 1, 50)
     coefficients = np.linalg.lstsq(basis.values(t), (t**2)[:, None], rcond=None)[0]
     middles, halves = np.array([0.3, 0.7]), np.array([0.1, 0.2])
-    low, high = cells.ranges(Trajectory(("j",), ("rad",), basis, coefficients), middles, halves)["q"]
+    low, high = cells.ranges(
+        Trajectory(("j",), ("rad",), basis, coefficients), middles, halves
+    )["q"]
     np.testing.assert_allclose(high[:, 0], (middles + halves) ** 2, atol=1e-12)
     assert np.all(low[:, 0] <= (middles - halves) ** 2)
 
@@ -89,12 +100,26 @@ def test_bounds_are_sharp_where_limits_are_near(case: int) -> None:
     limits = limits_of(case)
     motion = moving(families(2.0)["fourier at rest"], limits, 0.1)
     low, high = reached(motion, limits)
-    near = StateLimits(limits.labels, limits.units, low - 1e-4, high + 1e-4, limits.function, limits.uniform)
+    near = StateLimits(
+        limits.labels,
+        limits.units,
+        low - 1e-4,
+        high + 1e-4,
+        limits.function,
+        limits.uniform,
+    )
     least, largest = reach(motion, near)
     allowed = 1.05e-3 * (near.high - near.low) + 1e-4
     assert np.all(low - least <= allowed)
     assert np.all(largest - high <= allowed)
-    far = StateLimits(limits.labels, limits.units, low - 50, high + 50, limits.function, limits.uniform)
+    far = StateLimits(
+        limits.labels,
+        limits.units,
+        low - 50,
+        high + 50,
+        limits.function,
+        limits.uniform,
+    )
     least, largest = reach(motion, far)
     assert np.all(low - least <= 0.25 * 50 + 0.2)
     assert np.all(largest - high <= 0.25 * 50 + 0.2)
@@ -104,10 +129,17 @@ def test_bounds_are_sharp_where_limits_are_near(case: int) -> None:
 def test_margins_of_states_carry_their_limits() -> None:
     limits = limits_of(2)
     motion = moving(families(2.0)["fourier at rest"], limits, 0.1)
-    found, (least, largest) = margins_between(limits, *reach(motion, limits)), reach(motion, limits)
+    found, (least, largest) = (
+        margins_between(limits, *reach(motion, limits)),
+        reach(motion, limits),
+    )
     assert [m.label for m in found] == list(limits.labels)
-    np.testing.assert_array_equal([(m.low, m.high) for m in found], np.column_stack([limits.low, limits.high]))
-    np.testing.assert_array_equal([(m.least, m.largest) for m in found], np.column_stack([least, largest]))
+    np.testing.assert_array_equal(
+        [(m.low, m.high) for m in found], np.column_stack([limits.low, limits.high])
+    )
+    np.testing.assert_array_equal(
+        [(m.least, m.largest) for m in found], np.column_stack([least, largest])
+    )
 
 
 def function_of(make: Callable[..., Scalar], arguments: str = "q") -> StateLimits:
@@ -115,7 +147,9 @@ def function_of(make: Callable[..., Scalar], arguments: str = "q") -> StateLimit
     program = Program()
     inputs = {name: program.input(f"{name}[q1]") for name in arguments.split()}
     node = make(**inputs).node
-    given = tuple(Argument(name, (x.node,), ("q1",), ("rad",)) for name, x in inputs.items())
+    given = tuple(
+        Argument(name, (x.node,), ("q1",), ("rad",)) for name, x in inputs.items()
+    )
     function = Function("f", program, given, {(0,): node}, (("f",),))
     return StateLimits(("f",), ("1",), np.array([-2.0]), np.array([2.0]), function, {})
 
@@ -190,25 +224,43 @@ def test_first_cells_may_be_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.sampled_from(sorted(families())), st.integers(0, 3), st.integers(0, 2**32 - 1))
-def test_margins_of_motions_contain_all_samples(name: str, order: int, seed: int) -> None:
+@given(
+    st.sampled_from(sorted(families())), st.integers(0, 3), st.integers(0, 2**32 - 1)
+)
+def test_margins_of_motions_contain_all_samples(
+    name: str, order: int, seed: int
+) -> None:
     motion = random_motion(families(2.0)[name], 3, seed)
     weights = np.random.default_rng(seed).normal(size=3)
-    values = motion(np.linspace(0, motion.duration, round(RATE * motion.duration)), order) @ weights
+    values = (
+        motion(np.linspace(0, motion.duration, round(RATE * motion.duration)), order)
+        @ weights
+    )
     span = np.ptp(values)
-    limit = MotionLimit("m", "rad", order, weights, values.min() - 0.01 * span, values.max() + 0.01 * span)
+    limit = MotionLimit(
+        "m",
+        "rad",
+        order,
+        weights,
+        values.min() - 0.01 * span,
+        values.max() + 0.01 * span,
+    )
     (margin,) = motion_margins(motion, [limit])
     assert margin.least <= values.min()
     assert margin.largest >= values.max()
     # sharp within a thousandth of the range of the limit
-    assert max(values.min() - margin.least, margin.largest - values.max()) <= 1.01e-3 * (limit.high - limit.low)
+    assert max(
+        values.min() - margin.least, margin.largest - values.max()
+    ) <= 1.01e-3 * (limit.high - limit.low)
     assert margin.kept
     assert margin.label == f"{ORDERS[limit.order]} of m"
 
 
 @pytest.mark.parametrize("ends", [(-np.inf, 5.0), (-5.0, np.inf)])
 def test_limits_with_one_end(ends: tuple[float, float]) -> None:
-    (margin,) = motion_margins(sweep(), [MotionLimit("q1", "rad", 0, np.ones(1), *ends)])
+    (margin,) = motion_margins(
+        sweep(), [MotionLimit("q1", "rad", 0, np.ones(1), *ends)]
+    )
     assert margin.margin == pytest.approx(4.0, abs=0.01)
     assert margin.relative == pytest.approx(0.8, abs=0.01)
 
@@ -217,7 +269,9 @@ def test_peaks_between_samples_count() -> None:
     """Amplitude 1 is reached between samples of the grid; a limit just below it is broken."""
     motion = sweep(3.0, 3)
     for level, kept in ((0.99999, False), (1.01, True)):
-        (margin,) = motion_margins(motion, [MotionLimit("q1", "rad", 0, np.ones(1), -level, level)])
+        (margin,) = motion_margins(
+            motion, [MotionLimit("q1", "rad", 0, np.ones(1), -level, level)]
+        )
         assert margin.kept is kept
 
 
@@ -229,8 +283,12 @@ def test_splines_of_low_degree_are_refused(degree: int) -> None:
 
 
 def test_coordinates_at_rest() -> None:
-    still = Trajectory(("q1",), ("rad",), Fourier(1.0, 1), np.array([[0.3], [0.0], [0.0]]))
-    (margin,) = motion_margins(still, [MotionLimit("q1", "rad", 0, np.ones(1), 0.0, 1.0)])
+    still = Trajectory(
+        ("q1",), ("rad",), Fourier(1.0, 1), np.array([[0.3], [0.0], [0.0]])
+    )
+    (margin,) = motion_margins(
+        still, [MotionLimit("q1", "rad", 0, np.ones(1), 0.0, 1.0)]
+    )
     assert (margin.least, margin.largest) == (0.3, 0.3)
     least, largest = reach(still, function_of(lambda q: 2 * q))
     np.testing.assert_allclose([least[0], largest[0]], 0.6, rtol=1e-12)
@@ -246,7 +304,12 @@ def test_what_is_not_known_is_not_kept(ends: tuple[float, float]) -> None:
 
 def test_what_margins_say() -> None:
     inside = Margin("f", "m", -1.0, 3.0, -0.5, 2.0)
-    assert (inside.margin, inside.relative, inside.kept, inside.active) == (0.5, 0.125, True, False)
+    assert (inside.margin, inside.relative, inside.kept, inside.active) == (
+        0.5,
+        0.125,
+        True,
+        False,
+    )
     near = Margin("f", "m", 0.0, 10.0, 1.0, 10.0 - 0.5 * ACTIVE * 10)
     assert near.active
     beyond = Margin("f", "m", -1.0, 1.0, -2.0, 0.0)
@@ -259,7 +322,9 @@ def test_what_margins_say() -> None:
     assert free.kept
 
 
-@pytest.mark.parametrize("name", ["four-bar", "slider-crank", pytest.param("delta", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["four-bar", "slider-crank", pytest.param("delta", marks=pytest.mark.slow)]
+)
 def test_margins_of_loops_are_extremes_of_dense_samples(name: str) -> None:
     limits = limited(name, np.random.default_rng(2))
     trajectory = motion_of(limits, 0.15)
@@ -286,23 +351,34 @@ def test_no_sample_is_below_the_bound(seed: int) -> None:
     assert np.all(found.bounds <= least + 1e-9)
     assert np.all(found.bounds <= found.found)
     # they are as sharp as was promised
-    assert np.all(found.bounds >= least - np.maximum(2e-3, 0.26 * np.abs(least - 0.03)) - 1e-3)
-    assert np.all(np.abs(found.found - least) < np.maximum(2e-3, 0.26 * np.abs(least - 0.03)) + 1e-3)
+    assert np.all(
+        found.bounds >= least - np.maximum(2e-3, 0.26 * np.abs(least - 0.03)) - 1e-3
+    )
+    assert np.all(
+        np.abs(found.found - least)
+        < np.maximum(2e-3, 0.26 * np.abs(least - 0.03)) + 1e-3
+    )
     for k in np.flatnonzero(found.found < clearance.reach):
         state = trajectory(found.times[k])
-        assert clearance.values(state, state, state)[0, k] == pytest.approx(found.found[k], abs=1e-6)
+        assert clearance.values(state, state, state)[0, k] == pytest.approx(
+            found.found[k], abs=1e-6
+        )
 
 
 def test_a_short_dip_is_found() -> None:
     """A tip that rushes past a thin post between all samples of a coarse grid."""
     mechanism = planar(2)
     post = {"body": "world", "capsule": 0.01, "from": [2.1, 0, -1], "to": [2.1, 0, 1]}
-    shapes = entry_shapes(mechanism, [post, {"body": "link2", "sphere": 0.05, "at": [1, 0, 0]}])
+    shapes = entry_shapes(
+        mechanism, [post, {"body": "link2", "sphere": 0.05, "at": [1, 0, 0]}]
+    )
     clearance = clearance_of(mechanism, shapes, 0.0)
     coefficients = np.zeros((3, 2))
     phase = np.pi / 20  # q1 = 2 sin(2πt + phase) is zero between two of 20 samples
     coefficients[1:, 0] = 2 * np.cos(phase), 2 * np.sin(phase)
-    trajectory = Trajectory(mechanism.positions, ("rad", "rad"), Fourier(1.0, 1), coefficients)
+    trajectory = Trajectory(
+        mechanism.positions, ("rad", "rad"), Fourier(1.0, 1), coefficients
+    )
     found = LeastClearances(clearance, trajectory, 1e-4)
     # link 1 is the first moving body, so only link 2 and the post are checked
     assert found.found[0] == pytest.approx(0.04, abs=2e-3)
@@ -316,29 +392,41 @@ def test_motions_that_rest_at_every_first_sample_are_seen_through() -> None:
     """The arm swings once per interval and is at rest, far from the post, in the middle of each."""
     mechanism = planar(2)
     post = {"body": "world", "capsule": 0.01, "from": [2.1, 0, -1], "to": [2.1, 0, 1]}
-    shapes = entry_shapes(mechanism, [post, {"body": "link2", "sphere": 0.05, "at": [1, 0, 0]}])
+    shapes = entry_shapes(
+        mechanism, [post, {"body": "link2", "sphere": 0.05, "at": [1, 0, 0]}]
+    )
     coefficients = np.zeros((129, 2))
     coefficients[0, 0], coefficients[128, 0] = 0.3, -0.3  # q1 = 0.3 (1 − cos(128πt))
-    trajectory = Trajectory(mechanism.positions, ("rad", "rad"), Fourier(1.0, 64), coefficients)
+    trajectory = Trajectory(
+        mechanism.positions, ("rad", "rad"), Fourier(1.0, 64), coefficients
+    )
     found = LeastClearances(clearance_of(mechanism, shapes, 0.0), trajectory, 1e-3)
     assert 0.03 - 1e-3 < found.bounds[0] <= 0.04 + 1e-12
 
 
-def test_faulty_distances_do_not_weaken_a_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_faulty_distances_do_not_weaken_a_certificate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     mechanism, shapes = random_arm(1)
     clearance = clearance_of(mechanism, shapes, 0.03)
     trajectory = motion(mechanism, 1, 0.35)
     sound = LeastClearances(clearance, trajectory, 5e-3)
     true = Engine.measure
 
-    def faulty(engine: Engine, places: Floats, asked: npt.NDArray[np.intp], reach: float) -> Any:
+    def faulty(
+        engine: Engine, places: Floats, asked: npt.NDArray[np.intp], reach: float
+    ) -> Any:
         found = true(engine, places, asked, reach)
         found.distances[:] += 0.1
-        found.points[:] += np.random.default_rng(0).normal(size=found.points.shape) * 0.02
+        found.points[:] += (
+            np.random.default_rng(0).normal(size=found.points.shape) * 0.02
+        )
         return found
 
     monkeypatch.setattr(Engine, "measure", faulty)
-    assert np.all(LeastClearances(clearance, trajectory, 5e-3).bounds <= sound.found + 1e-12)
+    assert np.all(
+        LeastClearances(clearance, trajectory, 5e-3).bounds <= sound.found + 1e-12
+    )
 
 
 def test_arguments_are_checked() -> None:
@@ -351,9 +439,16 @@ def test_arguments_are_checked() -> None:
     with pytest.raises(InputError, match="rotates freely"):
         clearance_of(ec.load("examples/floating_tree.yaml"), (), 0.1)
     with pytest.raises(InputError, match="must move the positions q1, q2, q3"):
-        LeastClearances(clearance_of(mechanism, shapes, 0.1), motion(planar(2), 0), 1e-3)
+        LeastClearances(
+            clearance_of(mechanism, shapes, 0.1), motion(planar(2), 0), 1e-3
+        )
     with pytest.raises(InputError, match="lie in a plane"):
-        mesh_shape("flat", -1, np.eye(4), np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
+        mesh_shape(
+            "flat",
+            -1,
+            np.eye(4),
+            np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]),
+        )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -362,7 +457,9 @@ def test_levers_bound_speeds(seed: int) -> None:
     mechanism, shapes = random_arm(seed)
     rng = np.random.default_rng(seed)
     trajectory = motion(mechanism, seed, 0.35)
-    levers = MotionBounds(mechanism, trajectory.basis.bounds(trajectory.coefficients, 0))
+    levers = MotionBounds(
+        mechanism, trajectory.basis.bounds(trajectory.coefficients, 0)
+    )
     slopes = clearance_of(mechanism, shapes, 0.0).kinematics.slopes(
         trajectory(rng.uniform(0, trajectory.duration, 400))
     )
@@ -371,7 +468,9 @@ def test_levers_bound_speeds(seed: int) -> None:
     for shape in shapes[:5]:
         centre = shape.placement[:3, 3]
         moved = slopes[:, shape.body]
-        speeds = np.linalg.norm(np.einsum("ncik,i->nck", moved[:, :, :3], centre) + moved[:, :, 3], axis=1)
+        speeds = np.linalg.norm(
+            np.einsum("ncik,i->nck", moved[:, :, :3], centre) + moved[:, :, 3], axis=1
+        )
         bound = levers.between(stone, shape)
         assert np.all(speeds <= bound + 1e-12)
         ratios.append(speeds.max(axis=0)[bound > 0] / bound[bound > 0])

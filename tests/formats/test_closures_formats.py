@@ -38,7 +38,9 @@ def read(text: str, name: str = "robot.yaml", **options: Any) -> Mechanism:
 def closed(mechanism: Mechanism) -> dict[str, float]:
     """A closed position near the stated one, by Newton's method."""
     names = list(mechanism.positions)
-    x = np.array([position(mechanism, dict(mechanism.assembly))[name] for name in names])
+    x = np.array(
+        [position(mechanism, dict(mechanism.assembly))[name] for name in names]
+    )
 
     def value(x: Array) -> Array:
         return residual(mechanism, dict(zip(names, x, strict=True)))
@@ -74,7 +76,12 @@ def test_the_second_frame_is_where_the_first_one_is_at_zero(kind: ClosureKind) -
     loop = f"  - {{joint: {kind.value}, connects: [arm, two], at: {{xyz: [0.1, 0.2, l], rpy: [a, 0.2, 0]}}}}\n"
     mechanism = read(PAIR + loop)
     (closure,) = mechanism.closures
-    assert (closure.name, closure.kind, closure.first, closure.second) == ("loop1", kind, 1, 2)
+    assert (closure.name, closure.kind, closure.first, closure.second) == (
+        "loop1",
+        kind,
+        1,
+        2,
+    )
     first, second = frames(mechanism, 0, {})
     np.testing.assert_allclose(first[:3, 3], second[:3, 3], atol=1e-13)
     if kind.directions:
@@ -83,9 +90,15 @@ def test_the_second_frame_is_where_the_first_one_is_at_zero(kind: ClosureKind) -
     assert mechanism.degrees_of_freedom == 13 - (6 - kind.freedoms)
 
 
-@pytest.mark.parametrize(("word", "kind"), [("points", ClosureKind.SPHERICAL), ("axes", ClosureKind.CYLINDRICAL)])
+@pytest.mark.parametrize(
+    ("word", "kind"),
+    [("points", ClosureKind.SPHERICAL), ("axes", ClosureKind.CYLINDRICAL)],
+)
 def test_other_words(word: str, kind: ClosureKind) -> None:
-    assert read(PAIR + f"  - {{joint: {word}, connects: [arm, two]}}\n").closures[0].kind is kind
+    assert (
+        read(PAIR + f"  - {{joint: {word}, connects: [arm, two]}}\n").closures[0].kind
+        is kind
+    )
 
 
 @pytest.mark.usefixtures("unclosed")
@@ -94,7 +107,11 @@ def test_both_frames_as_stated() -> None:
     (closure,) = read(PAIR + loop).closures
     assert (closure.first, closure.second) == (2, 1)
     assert [str(e) for e in closure.first_frame.translation] == ["l", "0", "1"]
-    assert [str(e) for e in closure.second_frame.rotation[0]] == ["sqrt(3)/2", "-1/2", "0"]
+    assert [str(e) for e in closure.second_frame.rotation[0]] == [
+        "sqrt(3)/2",
+        "-1/2",
+        "0",
+    ]
 
 
 @pytest.mark.usefixtures("unclosed")
@@ -102,15 +119,26 @@ def test_both_frames_as_stated() -> None:
 @pytest.mark.parametrize("second", ["", ", on_second: {rpy: [0, 0, 0.4]}"])
 def test_the_axis_is_z_of_both_frames(axis: str, second: str) -> None:
     mechanism = read(
-        PAIR + f"  - {{joint: revolute, connects: [one, two], at: {{rpy: [0.2, 0, 0]}}, axis: {axis}{second}}}\n"
+        PAIR
+        + f"  - {{joint: revolute, connects: [one, two], at: {{rpy: [0.2, 0, 0]}}, axis: {axis}{second}}}\n"
     )
-    direction = np.array(yaml.safe_load(axis)) if "[" in axis else np.eye(3)["xyz".index(axis[-1])]
-    direction = direction / np.linalg.norm(direction) * (-1 if axis.startswith("-") else 1)
+    direction = (
+        np.array(yaml.safe_load(axis))
+        if "[" in axis
+        else np.eye(3)["xyz".index(axis[-1])]
+    )
+    direction = (
+        direction / np.linalg.norm(direction) * (-1 if axis.startswith("-") else 1)
+    )
     z = matrix(mechanism, mechanism.closures[0].first_frame)[:3, 2]
-    np.testing.assert_allclose(z, turned([1, 0, 0], 0.2)[:3, :3] @ direction, atol=1e-12)
+    np.testing.assert_allclose(
+        z, turned([1, 0, 0], 0.2)[:3, :3] @ direction, atol=1e-12
+    )
     if second:
         z = matrix(mechanism, mechanism.closures[0].second_frame)[:3, 2]
-        np.testing.assert_allclose(z, turned([0, 0, 1], 0.4)[:3, :3] @ direction, atol=1e-12)
+        np.testing.assert_allclose(
+            z, turned([0, 0, 1], 0.4)[:3, :3] @ direction, atol=1e-12
+        )
 
 
 FIXED = """
@@ -131,7 +159,9 @@ def test_fixed_parts_ride_on_their_bodies() -> None:
     assert (closure.first, closure.second) == (0, 1)
     assert [str(e) for e in closure.first_frame.translation] == ["1/2", "1/10", "0"]
     assert [str(e) for e in closure.second_frame.translation] == ["1/2", "1/10", "1"]
-    (closure,) = read(FIXED.format(floating="", first="tool", second="slide"), keep_fixed_links=True).closures
+    (closure,) = read(
+        FIXED.format(floating="", first="tool", second="slide"), keep_fixed_links=True
+    ).closures
     assert (closure.first, closure.second) == (2, 3)
     assert [str(e) for e in closure.first_frame.translation] == ["1/10", "0", "0"]
 
@@ -142,9 +172,13 @@ def test_what_stands_on_the_base_is_the_base() -> None:
     assert [str(e) for e in closure.first_frame.translation] == ["1/10", "0", "1"]
 
 
-@pytest.mark.parametrize(("name", "body", "z"), [("base", 0, "-1"), ("null", GROUND, "0"), ("post", 0, "0")])
+@pytest.mark.parametrize(
+    ("name", "body", "z"), [("base", 0, "-1"), ("null", GROUND, "0"), ("post", 0, "0")]
+)
 def test_a_floating_base_is_not_the_world(name: str, body: int, z: str) -> None:
-    (closure,) = read(FIXED.format(floating="floating_base: true", first=name, second="slide")).closures
+    (closure,) = read(
+        FIXED.format(floating="floating_base: true", first=name, second="slide")
+    ).closures
     assert (closure.first, str(closure.first_frame.translation[2])) == (body, z)
 
 
@@ -156,27 +190,45 @@ UNCHOSEN = BAR.replace("independent: [crank]\n", "")
 
 def test_assembly_may_be_stated_by_expressions() -> None:
     stated = "assembly: {crank: 1, coupler: -0.4816, rocker: 1.6206}"
-    mechanism = read(BAR.replace(stated, "assembly: {crank: pi/3, rocker: -sqrt(2)*0.1}"))
-    assert dict(mechanism.assembly) == {"crank": pytest.approx(np.pi / 3), "rocker": pytest.approx(-(2**0.5) / 10)}
+    mechanism = read(
+        BAR.replace(stated, "assembly: {crank: pi/3, rocker: -sqrt(2)*0.1}")
+    )
+    assert dict(mechanism.assembly) == {
+        "crank": pytest.approx(np.pi / 3),
+        "rocker": pytest.approx(-(2**0.5) / 10),
+    }
 
 
 def test_driven_coordinates_are_preferred() -> None:
     assert read(UNCHOSEN + "actuators: {motor: 30*rocker}\n").independent == ("rocker",)
-    assert read(UNCHOSEN + "actuators: {motor: {terms: {coupler: 1}}}\n").independent == ("coupler",)
+    assert read(
+        UNCHOSEN + "actuators: {motor: {terms: {coupler: 1}}}\n"
+    ).independent == ("coupler",)
     assert read(BAR.replace("[crank]", "[coupler]")).independent == ("coupler",)
 
 
 def test_only_independent_coordinates_have_drives_and_sensors() -> None:
     assert [o.name for o in read(BAR).outputs] == ["crank"]
-    assert [o.name for o in read(BAR + "outputs: [{joint: all}]\n").outputs] == ["crank"]
-    with pytest.raises(ec.InputError, match=r"outputs\[0\].joint: there is no independent joint coordinate 'rocker'"):
+    assert [o.name for o in read(BAR + "outputs: [{joint: all}]\n").outputs] == [
+        "crank"
+    ]
+    with pytest.raises(
+        ec.InputError,
+        match=r"outputs\[0\].joint: there is no independent joint coordinate 'rocker'",
+    ):
         read(BAR + "outputs: [{joint: rocker}]\n")
-    with pytest.raises(ec.InputError, match=r"actuators.m: 'rocker' depends on others .* list it in 'independent'"):
+    with pytest.raises(
+        ec.InputError,
+        match=r"actuators.m: 'rocker' depends on others .* list it in 'independent'",
+    ):
         read(BAR + "actuators: {m: 3*rocker}\n")
 
 
 def test_effects_act_at_all_joints() -> None:
-    effects = read(BAR + "effects: [{type: viscous, at: all, side: joint}, {type: spring, at: rocker}]\n").effects
+    effects = read(
+        BAR
+        + "effects: [{type: viscous, at: all, side: joint}, {type: spring, at: rocker}]\n"
+    ).effects
     assert [e.actions[0].at for e in effects[:3]] == ["crank", "coupler", "rocker"]
     assert {e.actions[0].at for e in effects[3:]} == {"rocker"}
     effects = read(BAR + "effects: [{type: viscous, at: all}]\n").effects
@@ -218,11 +270,14 @@ def test_loops_of_a_robot_file(tmp_path: Path) -> None:
     assert mechanism.independent == ("q3",)
     assert not mechanism.symbols  # any other lengths would not close
     assert np.abs(residual(mechanism, closed(mechanism))).max() < 1e-12
-    closed_at_base = ADDED.replace("[coupler, rocker]", "[base, coupler]").replace("[0.3, 0, 0]", "[0.25, 0, 0]")
+    closed_at_base = ADDED.replace("[coupler, rocker]", "[base, coupler]").replace(
+        "[0.3, 0, 0]", "[0.25, 0, 0]"
+    )
     ground = added(tmp_path, closed_at_base.split("assembly")[0])
     assert (ground.closures[0].first, ground.closures[0].second) == (GROUND, 1)
     with pytest.raises(
-        ec.InputError, match=r"connects\[1\]: there is no body or frame 'rokker'; did you mean 'rocker'"
+        ec.InputError,
+        match=r"connects\[1\]: there is no body or frame 'rokker'; did you mean 'rocker'",
     ):
         added(tmp_path, ADDED.replace(", rocker]", ", rokker]"))
 
@@ -237,7 +292,10 @@ PIN = """<link name="pin"/><link name="eye"/><link name="post"/>
 def test_loops_may_connect_fixed_links_of_a_robot_file(tmp_path: Path) -> None:
     """They are where their parents carry them: the same loop as between the moving links."""
     file = URDF.replace("</robot>", PIN)
-    text = ADDED.split("loops:")[0] + "loops: [{joint: revolute, connects: [pin, post], on_second: {}}]\n"
+    text = (
+        ADDED.split("loops:")[0]
+        + "loops: [{joint: revolute, connects: [pin, post], on_second: {}}]\n"
+    )
     text += "assembly:" + ADDED.split("assembly:")[1]
     mechanism, same = added(tmp_path, text, file), added(tmp_path, ADDED)
     assert mechanism.bodies == same.bodies
@@ -247,20 +305,35 @@ def test_loops_may_connect_fixed_links_of_a_robot_file(tmp_path: Path) -> None:
     assert closure.second_frame.translation == expected.second_frame.translation
     assert set(mechanism.symbols) == {"yaw_pin"}  # 0.3 rad has no exact sine
     assert mechanism.reading is not None
-    assert [snap.element for snap in mechanism.reading.snaps] == ["joint 'f3' origin yaw"]
+    assert [snap.element for snap in mechanism.reading.snaps] == [
+        "joint 'f3' origin yaw"
+    ]
     assert ec.base_parameters(mechanism).rank == ec.base_parameters(same).rank
     assert not mechanism.reading.literal().reading.snaps  # type: ignore[union-attr]
-    with pytest.raises(ec.InputError, match="'pin' and 'coupler' do not move against each other"):
+    with pytest.raises(
+        ec.InputError, match="'pin' and 'coupler' do not move against each other"
+    ):
         added(tmp_path, text.replace("post", "coupler"), file)
 
 
 # -- examples and round trips ------------------------------------------------------------------------------------------
 
 
-LARGE = ("bennett.yaml", "biped.xml", "delta.yaml", "gough_stewart.yaml", "sr400.yaml", "three_rps.yaml")
+LARGE = (
+    "bennett.yaml",
+    "biped.xml",
+    "delta.yaml",
+    "gough_stewart.yaml",
+    "sr400.yaml",
+    "three_rps.yaml",
+)
 
 
-@pytest.mark.parametrize("file", slow_unless(lambda f: f.name not in LARGE, EXAMPLES), ids=lambda file: file.name)
+@pytest.mark.parametrize(
+    "file",
+    slow_unless(lambda f: f.name not in LARGE, EXAMPLES),
+    ids=lambda file: file.name,
+)
 def test_examples_close_and_are_read_again(file: Path) -> None:
     mechanism = ec.load(file)
     q = closed(mechanism)
@@ -268,7 +341,9 @@ def test_examples_close_and_are_read_again(file: Path) -> None:
     start = position(mechanism, dict(mechanism.assembly))
     assert max(abs(q[name] - start[name]) for name in q) < 0.02
     if file.suffix == ".yaml":
-        jsonschema.Draft202012Validator(json_schema()).validate(yaml.safe_load(file.read_text()))
+        jsonschema.Draft202012Validator(json_schema()).validate(
+            yaml.safe_load(file.read_text())
+        )
         assert file.read_text().startswith("# ")
     check_round_trip(mechanism)
 
@@ -283,21 +358,33 @@ def test_saved_sets_keep_their_loops(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ClosureKind)
 def test_round_trip_of_all_kinds(kind: ClosureKind) -> None:
-    check_round_trip(read(PAIR + f"  - {{joint: {kind.value}, connects: [two, base], at: {{rpy: [a, 0.2, 0]}}}}\n"))
+    check_round_trip(
+        read(
+            PAIR
+            + f"  - {{joint: {kind.value}, connects: [two, base], at: {{rpy: [a, 0.2, 0]}}}}\n"
+        )
+    )
 
 
 def check_round_trip(mechanism: Mechanism) -> None:
     text = json.dumps(write_description(mechanism))
     again = read_description(text, "robot.json", ReadingOptions(keep_fixed_links=True))
     assert again.closures == mechanism.closures
-    assert (again.independent, again.assembly) == (mechanism.independent, mechanism.assembly)
+    assert (again.independent, again.assembly) == (
+        mechanism.independent,
+        mechanism.assembly,
+    )
     assert (again.bodies, again.symbols) == (mechanism.bodies, mechanism.symbols)
     assert json.dumps(write_description(again)) == text
     jsonschema.Draft202012Validator(json_schema()).validate(json.loads(text))
 
 
 def test_the_world_beside_a_body_named_base() -> None:
-    mechanism = read(FIXED.format(floating="floating_base: true", first="null", second="slide").replace("post", "base"))
+    mechanism = read(
+        FIXED.format(
+            floating="floating_base: true", first="null", second="slide"
+        ).replace("post", "base")
+    )
     assert write_description(mechanism)["loops"][0]["connects"] == [None, "slide"]
     check_round_trip(mechanism)
 
@@ -319,33 +406,63 @@ MISTAKES = {
         bar("[coupler, rocker]", "[crank, crank]"),
         r"loops\[0\].connects: 'crank' and 'crank' do not move against",
     ),
-    "same body": (bar("[coupler, rocker]", "[base, null]"), "'base' and the world do not move against each other"),
+    "same body": (
+        bar("[coupler, rocker]", "[base, null]"),
+        "'base' and the world do not move against each other",
+    ),
     "one body": (bar("[coupler, rocker]", "[coupler]"), "two names of bodies such as"),
     "unknown kind": (
         bar("joint: revolute\n    connects", "joint: hinge\n    connects"),
         r"loops\[0\].joint: 'hinge' is not valid",
     ),
-    "near kind": (bar("joint: revolute\n    connects", "joint: sperical\n    connects"), "did you mean 'spherical'"),
+    "near kind": (
+        bar("joint: revolute\n    connects", "joint: sperical\n    connects"),
+        "did you mean 'spherical'",
+    ),
     "axis of a point": (
-        bar("joint: revolute\n    connects", "axis: z\n    joint: spherical\n    connects"),
+        bar(
+            "joint: revolute\n    connects",
+            "axis: z\n    joint: spherical\n    connects",
+        ),
         r"loops\[0\]: a spherical joint has no axis",
     ),
     "axis of a universal joint": (
-        bar("joint: revolute\n    connects", "axis: z\n    joint: universal\n    connects"),
+        bar(
+            "joint: revolute\n    connects",
+            "axis: z\n    joint: universal\n    connects",
+        ),
         r"loops\[0\]: a universal joint has two axes",
     ),
-    "axis zero": (bar("    connects", "    axis: [0, 0, 0]\n    connects"), r"loops\[0\].axis: the axis is zero"),
+    "axis zero": (
+        bar("    connects", "    axis: [0, 0, 0]\n    connects"),
+        r"loops\[0\].axis: the axis is zero",
+    ),
     "unknown key": (bar("connects", "conects"), "unknown key; did you mean 'connects'"),
-    "undeclared symbol": (bar("{xyz: [l3, 0, 0]}", "{xyz: [l5, 0, 0]}"), r"loops\[0\].at.xyz\[0\]: the symbol 'l5'"),
+    "undeclared symbol": (
+        bar("{xyz: [l3, 0, 0]}", "{xyz: [l5, 0, 0]}"),
+        r"loops\[0\].at.xyz\[0\]: the symbol 'l5'",
+    ),
     "two loops of one name": (
-        bar("independent", "  - {name: pin, joint: points, connects: [crank, rocker]}\nindependent"),
+        bar(
+            "independent",
+            "  - {name: pin, joint: points, connects: [crank, rocker]}\nindependent",
+        ),
         r"loops\[1\].name: another loop has the name 'pin'",
     ),
-    "unknown independent": (bar("[crank]", "[krank]"), r"independent\[0\]: .*'krank'; did you mean 'crank'"),
+    "unknown independent": (
+        bar("[crank]", "[krank]"),
+        r"independent\[0\]: .*'krank'; did you mean 'crank'",
+    ),
     "too many independent": (bar("[crank]", "[crank, rocker]"), "independent"),
     "no independent": (bar("[crank]", "[]"), "independent"),
-    "unknown assembly": (bar("{crank: 1,", "{krank: 1,"), r"assembly.krank: .*'krank'; did you mean 'crank'"),
-    "symbolic assembly": (bar("{crank: 1,", "{crank: l1,"), "assembly.crank: 'l1' must be a number here"),
+    "unknown assembly": (
+        bar("{crank: 1,", "{krank: 1,"),
+        r"assembly.krank: .*'krank'; did you mean 'crank'",
+    ),
+    "symbolic assembly": (
+        bar("{crank: 1,", "{crank: l1,"),
+        "assembly.crank: 'l1' must be a number here",
+    ),
     "independent without loops": (
         "echelon: 1\nindependent: [j1]\nmodified_dh: [{joint: revolute}]\n",
         "independent: there are no loops",
@@ -369,19 +486,26 @@ def test_too_many_angles_between_two_frames() -> None:
     angles = [f"a{k}" for k in range(20)]
     rows = "\n".join(f"  - {{joint: revolute, alpha: {a}, a: 0.1}}" for a in angles)
     text = f"echelon: 1\nsymbols: {{{', '.join(f'{a}: null' for a in angles)}}}\nmodified_dh:\n{rows}\n"
-    with pytest.raises(ec.InputError, match=r"loops\[0\]: between the two bodies lie 20 angles"):
+    with pytest.raises(
+        ec.InputError, match=r"loops\[0\]: between the two bodies lie 20 angles"
+    ):
         read(text + "loops: [{joint: points, connects: [j20, base]}]\n")
 
 
-@pytest.mark.parametrize(("kind", "raised"), [("revolute", 0.03), ("revolute", 1e-3), ("spherical", 1e-3)])
+@pytest.mark.parametrize(
+    ("kind", "raised"), [("revolute", 0.03), ("revolute", 1e-3), ("spherical", 1e-3)]
+)
 def test_a_pin_beside_its_plane_is_refused(kind: str, raised: float) -> None:
     """Its height is a redundant constraint, which no motion can meet; the refusal says by how much it is missed."""
     text = (ROOT / "examples/loops/four_bar.yaml").read_text()
     pin = "on_second: {xyz: [l4, 0, 0]}"
     assert pin in text
-    beside = text.replace("joint: revolute\n    connects", f"joint: {kind}\n    connects")
+    beside = text.replace(
+        "joint: revolute\n    connects", f"joint: {kind}\n    connects"
+    )
     beside = beside.replace(pin, f"on_second: {{xyz: [l4, 0, {raised}]}}")
     with pytest.raises(
-        ec.InputError, match=f"do not close near the assembly pose: closure 'pin' is off by {raised:.3g} m"
+        ec.InputError,
+        match=f"do not close near the assembly pose: closure 'pin' is off by {raised:.3g} m",
     ):
         ec.load(beside)

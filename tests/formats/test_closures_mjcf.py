@@ -54,7 +54,9 @@ EQUALITIES = {
 @pytest.fixture(autouse=True)
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are read; whether they can meet is not asked."""
-    monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, prefer: chosen(mechanism, prefer))
+    monkeypatch.setattr(
+        "echelon.loops.close", lambda mechanism, *_, prefer: chosen(mechanism, prefer)
+    )
 
 
 def chosen(mechanism: Mechanism, prefer: list[str]) -> Mechanism:
@@ -89,7 +91,10 @@ def mujoco_points(equality: str) -> tuple[Array, Array]:
     first, second = model.eq_data[0, :3], model.eq_data[0, 3:6]
     if model.eq_type[0] == mujoco.mjtEq.mjEQ_WELD:
         first, second = second, first
-    return tuple(data.xpos[b] + data.xmat[b].reshape(3, 3) @ p for b, p in ((one, first), (two, second)))
+    return tuple(
+        data.xpos[b] + data.xmat[b].reshape(3, 3) @ p
+        for b, p in ((one, first), (two, second))
+    )
 
 
 @pytest.mark.parametrize("name", EQUALITIES)
@@ -98,7 +103,9 @@ def test_points_are_those_of_mujoco(name: str, keep_fixed_links: bool) -> None:
     mechanism = read(EQUALITIES[name], keep_fixed_links=keep_fixed_links)
     points = [frame[:3, 3] for frame in frames(mechanism, 0, dict(mechanism.assembly))]
     expected = mujoco_points(EQUALITIES[name])
-    if name.split()[0] == "weld":  # between bodies, it states its point on the second one
+    if (
+        name.split()[0] == "weld"
+    ):  # between bodies, it states its point on the second one
         expected = expected[::-1]
     np.testing.assert_allclose(points, expected, atol=1e-12)
 
@@ -111,21 +118,33 @@ def test_orientations_are_those_of_mujoco(name: str) -> None:
         return
     assert mechanism.closures[0].kind is ClosureKind.WELD
     model, data = compiled(EQUALITIES[name])
-    rotations = [frame[:3, :3] for frame in frames(mechanism, 0, dict(mechanism.assembly))]
+    rotations = [
+        frame[:3, :3] for frame in frames(mechanism, 0, dict(mechanism.assembly))
+    ]
     one, two = int(model.eq_obj1id[0]), int(model.eq_obj2id[0])
     if "sites" in name:
-        expected = [data.site_xmat[one].reshape(3, 3), data.site_xmat[two].reshape(3, 3)]
+        expected = [
+            data.site_xmat[one].reshape(3, 3),
+            data.site_xmat[two].reshape(3, 3),
+        ]
     else:
         relative = np.zeros(9)
         mujoco.mju_quat2Mat(relative, model.eq_data[0, 6:10])
-        expected = [data.xmat[two].reshape(3, 3), data.xmat[one].reshape(3, 3) @ relative.reshape(3, 3)]
+        expected = [
+            data.xmat[two].reshape(3, 3),
+            data.xmat[one].reshape(3, 3) @ relative.reshape(3, 3),
+        ]
     np.testing.assert_allclose(rotations, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", [name for name in EQUALITIES if "pose" not in name and "sites" not in name])
+@pytest.mark.parametrize(
+    "name", [name for name in EQUALITIES if "pose" not in name and "sites" not in name]
+)
 def test_derived_loops_close_at_the_reference_pose(name: str) -> None:
     mechanism = read(EQUALITIES[name])
-    np.testing.assert_allclose(residual(mechanism, dict(mechanism.assembly)), 0, atol=1e-13)
+    np.testing.assert_allclose(
+        residual(mechanism, dict(mechanism.assembly)), 0, atol=1e-13
+    )
     assert mechanism.assembly["jb"] == 0.3
     assert mechanism.assembly["je.tz"] == 3
 
@@ -138,9 +157,15 @@ def test_fixed_bodies_ride_on_their_hosts() -> None:
 
 def test_lengths_stay_exact_numbers() -> None:
     mechanism = read('<connect name="pin" body1="e" body2="c" anchor="0.1 0 0.3"/>')
-    assert [str(e) for e in mechanism.closures[0].first_frame.translation] == ["1/10", "0", "3/10"]
+    assert [str(e) for e in mechanism.closures[0].first_frame.translation] == [
+        "1/10",
+        "0",
+        "3/10",
+    ]
     assert mechanism.closures[0].name == "pin"
-    assert not any(name.startswith("p") and name[1] in "xyz" for name in mechanism.symbols)
+    assert not any(
+        name.startswith("p") and name[1] in "xyz" for name in mechanism.symbols
+    )
     flat = """<mujoco><worldbody>
       <body name="a" pos="0.1 0 1" euler="0 45 0"><joint name="a" axis="0 1 0"/>INERTIA</body>
       <body name="b" pos="0.3 0.2 0" euler="0 -30 0"><joint name="b" axis="0 1 0"/>INERTIA</body></worldbody>
@@ -159,17 +184,21 @@ def test_actuated_joints_are_preferred() -> None:
 
 
 def test_what_is_ignored_is_noted() -> None:
-    mechanism = read('<weld body1="handle" body2="e"/><connect body1="e" anchor="0 0 0" active="false"/>')
+    mechanism = read(
+        '<weld body1="handle" body2="e"/><connect body1="e" anchor="0 0 0" active="false"/>'
+    )
     assert mechanism.closures == ()
     assert mechanism.reading is not None
-    assert "equality weld 'handle and e' is ignored: it follows a body that is moved from outside (mocap)" in (
-        mechanism.reading.notes
+    assert (
+        "equality weld 'handle and e' is ignored: it follows a body that is moved from outside (mocap)"
+        in (mechanism.reading.notes)
     )
     mechanism = read('<connect name="idle" body1="b" body2="tool" anchor="0 0 0"/>')
     assert mechanism.closures == ()
     assert mechanism.reading is not None
-    assert "equality connect 'idle' is ignored: its two ends do not move against each other" in (
-        mechanism.reading.notes
+    assert (
+        "equality connect 'idle' is ignored: its two ends do not move against each other"
+        in (mechanism.reading.notes)
     )
 
 
@@ -177,7 +206,10 @@ def test_a_held_joint_does_not_move_the_anchor() -> None:
     """MuJoCo finds the second anchor at the reference pose, whatever equalities hold."""
     equality = '<connect body1="b" body2="e" anchor="0.1 0.2 0.3"/>'
     held = '<joint joint1="ja" polycoef="0.4 0 0 0 0"/>'
-    assert read(equality + held).closures[0].second_frame == read(equality).closures[0].second_frame
+    assert (
+        read(equality + held).closures[0].second_frame
+        == read(equality).closures[0].second_frame
+    )
 
 
 @pytest.mark.parametrize("name", EQUALITIES)
@@ -185,7 +217,9 @@ def test_round_trip(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("echelon.loops.close", lambda mechanism, *_, **__: mechanism)
     mechanism = read(EQUALITIES[name])
     written = json.dumps(write_description(mechanism))
-    again = read_description(written, "robot.json", ReadingOptions(keep_fixed_links=True))
+    again = read_description(
+        written, "robot.json", ReadingOptions(keep_fixed_links=True)
+    )
     assert (again.closures, again.assembly) == (mechanism.closures, mechanism.assembly)
     assert json.dumps(write_description(again)) == written
 
@@ -222,10 +256,15 @@ def test_a_keyframe_that_closes_is_where_loops_are_assembled() -> None:
 
 
 def test_a_pose_that_misses_by_little_is_said() -> None:
-    near = BARS.replace('pos="0.3 0 0"', 'pos="0.1 0 0"').replace('"0.35 0 0"', '"0.348 0 0"')
+    near = BARS.replace('pos="0.3 0 0"', 'pos="0.1 0 0"').replace(
+        '"0.35 0 0"', '"0.348 0 0"'
+    )
     mechanism = read("", tree=near)
     assert not any(mechanism.assembly.values())
-    assert "at the reference pose closure 'pin' is off by 0.002 m between coupler and rocker" in notes(mechanism)
+    assert (
+        "at the reference pose closure 'pin' is off by 0.002 m between coupler and rocker"
+        in notes(mechanism)
+    )
     assert "assembled" not in notes(read("", tree=near.replace("0.348", "0.35")))
 
 
@@ -234,4 +273,6 @@ def test_half_turns_of_the_reference_pose_stay() -> None:
     tree = TREE.replace('pos="1 2 3" euler="0 45 0"', 'pos="1 2 3" quat="0 0 1 0"')
     mechanism = read(EQUALITIES["connect"], tree=tree)
     assert (mechanism.assembly["je.r.w"], mechanism.assembly["je.r.y"]) == (0, 1)
-    np.testing.assert_allclose(residual(mechanism, dict(mechanism.assembly)), 0, atol=1e-13)
+    np.testing.assert_allclose(
+        residual(mechanism, dict(mechanism.assembly)), 0, atol=1e-13
+    )

@@ -27,7 +27,14 @@ from support.float_functions import evaluate
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.pinocchio_loops import Constrained
 
-POINTS = [[-2, 0.03], [-1.2, 0.01], [-0.3, -0.012], [0, 0.001], [0.7, 0.02], [1.5, -0.04]]
+POINTS = [
+    [-2, 0.03],
+    [-1.2, 0.01],
+    [-0.3, -0.012],
+    [0, 0.001],
+    [0.7, 0.02],
+    [1.5, -0.04],
+]
 SLIDE = Powers([0.05, -0.02, 0.1, 0, 0.01])
 LIFT = CubicSpline(*np.array(POINTS).T, bc_type="natural")
 TILT = Powers([0.3, 0.5, -0.2, 0.1])
@@ -55,7 +62,10 @@ couplings:
 
 
 def leg(
-    coupled: str = COUPLED, base: str = "", hip: str = "{type: revolute, name: hip, axis: z}", text: str = LEG
+    coupled: str = COUPLED,
+    base: str = "",
+    hip: str = "{type: revolute, name: hip, axis: z}",
+    text: str = LEG,
 ) -> Mechanism:
     text = text.replace("COUPLED", coupled).replace("BASE", base).replace("HIP", hip)
     return read_description(text, "leg.yaml", ReadingOptions())
@@ -64,7 +74,10 @@ def leg(
 def followers(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of hip and knee: positions of slide, lift and tilt, their first and second derivatives by the knee."""
     knee = q[:, 1]
-    rows = [[f(knee), d(knee), c(knee)] for f, d, c in ((f, f.deriv(), f.deriv(2)) for f in (SLIDE, TILT))]
+    rows = [
+        [f(knee), d(knee), c(knee)]
+        for f, d, c in ((f, f.deriv(), f.deriv(2)) for f in (SLIDE, TILT))
+    ]
     rows.insert(1, [beyond(LIFT, knee, k) for k in range(3)])
     values, slopes, bends = np.transpose(rows, (1, 2, 0))
     values[:, 2] -= 0.4 * q[:, 0]
@@ -79,7 +92,9 @@ def beyond(spline: CubicSpline, x: FloatArray, order: int) -> FloatArray:
     return np.where(at == x, found, found if order < 2 else 0.0)
 
 
-def all_states(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[FloatArray, ...]:
+def all_states(
+    q: FloatArray, qd: FloatArray, qdd: FloatArray
+) -> tuple[FloatArray, ...]:
     """States of hip, slide, lift, knee and tilt, and the Jacobians by hip and knee."""
     values, slopes, bends = followers(q)
     jacobian = np.zeros((len(q), 5, 2))
@@ -96,8 +111,17 @@ def all_states(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[FloatArr
 fractions = st.fractions(-3, 3, max_denominator=20)
 
 
-@given(st.lists(st.tuples(fractions, fractions), min_size=2, max_size=7, unique_by=lambda p: p[0]))
-def test_natural_splines_are_those_of_scipy(points: list[tuple[Fraction, Fraction]]) -> None:
+@given(
+    st.lists(
+        st.tuples(fractions, fractions),
+        min_size=2,
+        max_size=7,
+        unique_by=lambda p: p[0],
+    )
+)
+def test_natural_splines_are_those_of_scipy(
+    points: list[tuple[Fraction, Fraction]],
+) -> None:
     x, y = np.array(sorted(points), dtype=float).T
     expected = CubicSpline(x, y, bc_type="natural")
     spline, constant = natural_spline(points)
@@ -105,36 +129,60 @@ def test_natural_splines_are_those_of_scipy(points: list[tuple[Fraction, Fractio
     at = np.linspace(-4, 4, 41)
     for order, found in enumerate(spline.floats(at, {})):
         whole = found + float(constant) * (order == 0)
-        np.testing.assert_allclose(whole, beyond(expected, at, order), rtol=0, atol=1e-10 * size)
+        np.testing.assert_allclose(
+            whole, beyond(expected, at, order), rtol=0, atol=1e-10 * size
+        )
     assert spline.floats(0.0, {})[0] == 0
 
 
 @given(st.lists(fractions, min_size=2, max_size=6, unique=True), fractions, fractions)
-def test_a_spline_through_points_of_a_line_is_that_line(x: list[Fraction], slope: Fraction, constant: Fraction) -> None:
+def test_a_spline_through_points_of_a_line_is_that_line(
+    x: list[Fraction], slope: Fraction, constant: Fraction
+) -> None:
     spline, offset = natural_spline([(a, slope * a + constant) for a in x])
     assert spline.ratio == slope
     assert offset == constant
 
 
-@given(st.lists(fractions, max_size=4), st.lists(fractions, max_size=3), fractions, fractions)
-def test_functions_of_functions(a: list[Fraction], b: list[Fraction], offset: Fraction, x: Fraction) -> None:
+@given(
+    st.lists(fractions, max_size=4),
+    st.lists(fractions, max_size=3),
+    fractions,
+    fractions,
+)
+def test_functions_of_functions(
+    a: list[Fraction], b: list[Fraction], offset: Fraction, x: Fraction
+) -> None:
     outer, inner = (Spline(tuple(map(Polynomial.constant, c))) for c in (a, b))
     found, constant = outer.after(inner, Polynomial.constant(offset))
     assert constant.number is not None
     y = sum(c * x**k for k, c in enumerate(b, start=1)) + offset
     expected = sum(c * y**k for k, c in enumerate(a, start=1))
-    value = sum(c * x**k for k, c in enumerate((p.number for p in found.coefficients), start=1))  # type: ignore[operator]
+    value = sum(
+        c * x**k for k, c in enumerate((p.number for p in found.coefficients), start=1)
+    )  # type: ignore[operator]
     assert value + constant.number == expected
 
 
-@given(st.lists(fractions, max_size=5), st.lists(st.tuples(fractions, fractions), max_size=3), st.floats(0.1, 3))
+@given(
+    st.lists(fractions, max_size=5),
+    st.lists(st.tuples(fractions, fractions), max_size=3),
+    st.floats(0.1, 3),
+)
 def test_nothing_is_steeper_than_the_steepest(
     a: list[Fraction], knots: list[tuple[Fraction, Fraction]], reach: float
 ) -> None:
-    spline = Spline(tuple(map(Polynomial.constant, a)), tuple((x, Polynomial.constant(c)) for x, c in knots))
-    slopes = np.abs(spline.floats(np.linspace(-reach, reach, 333), {})[1] + np.zeros(333))
+    spline = Spline(
+        tuple(map(Polynomial.constant, a)),
+        tuple((x, Polynomial.constant(c)) for x, c in knots),
+    )
+    slopes = np.abs(
+        spline.floats(np.linspace(-reach, reach, 333), {})[1] + np.zeros(333)
+    )
     assert max(slopes) <= spline.steepest(reach, {}) * (1 + 1e-12) + 1e-300
-    assert spline.steepest(reach, {}) <= max(slopes) + 0.1 * (1 + sum(map(abs, a)) * 200 + 50 * len(knots))
+    assert spline.steepest(reach, {}) <= max(slopes) + 0.1 * (
+        1 + sum(map(abs, a)) * 200 + 50 * len(knots)
+    )
 
 
 # -- dynamics ----------------------------------------------------------------------------------------------------------
@@ -146,27 +194,41 @@ def test_forces_are_those_of_the_free_tree_projected() -> None:
     q, qd, qdd = random_states(mechanism, 6)
     *states, jacobian = all_states(q, qd, qdd)
     expected = np.einsum("sij,sip->sjp", jacobian, float_regressor(free, *states))
-    np.testing.assert_allclose(float_regressor(mechanism, q, qd, qdd), expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        float_regressor(mechanism, q, qd, qdd), expected, rtol=0, atol=1e-10
+    )
 
 
 def test_forces_are_those_of_pinocchio() -> None:
     """τ = Jᵀ ID(q(θ), q̇, q̈) with Pinocchio's inverse dynamics of the tree."""
-    mechanism, free = (leg(c, text=LEG.replace(", massless: true", "")) for c in (COUPLED, ""))
-    zeta = np.concatenate([[0.2, 0.01, 0.02, 0.3, 0.03, 0.25, 0.1, -0.2, 0.15, 1.5 + k] for k in range(5)])
+    mechanism, free = (
+        leg(c, text=LEG.replace(", massless: true", "")) for c in (COUPLED, "")
+    )
+    zeta = np.concatenate(
+        [[0.2, 0.01, 0.02, 0.3, 0.03, 0.25, 0.1, -0.2, 0.15, 1.5 + k] for k in range(5)]
+    )
     tree = Constrained(free, zeta)
     q, qd, qdd = random_states(mechanism, 4)
     *states, jacobian = all_states(q, qd, qdd)
-    efforts = np.array([pin.rnea(tree.model, tree.data, *state) for state in zip(*states, strict=True)])
+    efforts = np.array(
+        [pin.rnea(tree.model, tree.data, *state) for state in zip(*states, strict=True)]
+    )
     expected = np.einsum("sij,si->sj", jacobian, efforts)
     found = float_regressor(mechanism, q, qd, qdd) @ zeta
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-10 * np.abs(expected).max()
+    )
 
 
-@pytest.mark.parametrize(("base", "ball"), [("", False), ("floating_base: true", False), ("", True)])
+@pytest.mark.parametrize(
+    ("base", "ball"), [("", False), ("floating_base: true", False), ("", True)]
+)
 def test_functions_fit_together(base: str, ball: bool) -> None:
     """The mass matrix and the parts of the inverse dynamics, and its derivatives by an imaginary step."""
     if ball:
-        mechanism = leg(COUPLED.replace(" - 0.4*hip", ""), base, "{type: spherical, name: hip}")
+        mechanism = leg(
+            COUPLED.replace(" - 0.4*hip", ""), base, "{type: spherical, name: hip}"
+        )
     else:
         mechanism = leg(COUPLED, base)
     columns = range(len(mechanism.parameters))
@@ -175,23 +237,35 @@ def test_functions_fit_together(base: str, ball: bool) -> None:
     state = {"q": q, "qd": qd, "qdd": qdd, "parameters": zeta}
 
     def function(name: str, **changed: FloatArray) -> FloatArray:
-        return evaluate(robot_function(name, mechanism, columns), mechanism, state | changed)
+        return evaluate(
+            robot_function(name, mechanism, columns), mechanism, state | changed
+        )
 
     efforts = function("inverse_dynamics")
-    np.testing.assert_allclose(float_regressor(mechanism, q, qd, qdd) @ zeta, efforts, atol=1e-10)
-    whole = np.einsum("kij,kj->ki", function("mass_matrix"), qdd) + function("coriolis") + function("gravity")
+    np.testing.assert_allclose(
+        float_regressor(mechanism, q, qd, qdd) @ zeta, efforts, atol=1e-10
+    )
+    whole = (
+        np.einsum("kij,kj->ki", function("mass_matrix"), qdd)
+        + function("coriolis")
+        + function("gravity")
+    )
     np.testing.assert_allclose(whole, efforts, atol=1e-10)
     mass = function("mass_matrix")
     np.testing.assert_allclose(mass, np.swapaxes(mass, 1, 2), atol=1e-11)
     expected, h = [], 1e-6
     for name in ("q", "qd"):
         for k in range(state[name].shape[1]):
-            steps = [state[name] + s * h * np.eye(state[name].shape[1])[k] for s in (1, -1)]
+            steps = [
+                state[name] + s * h * np.eye(state[name].shape[1])[k] for s in (1, -1)
+            ]
             steps = [_unit(mechanism, s) if name == "q" else s for s in steps]
             ahead, back = (function("inverse_dynamics", **{name: s}) for s in steps)
             expected.append((ahead - back) / (2 * h))
     found = function("inverse_dynamics_derivatives")
-    np.testing.assert_allclose(found, np.stack(expected, axis=2), atol=1e-6 * (1 + np.abs(found).max()))
+    np.testing.assert_allclose(
+        found, np.stack(expected, axis=2), atol=1e-6 * (1 + np.abs(found).max())
+    )
 
 
 def _unit(mechanism: Mechanism, q: FloatArray) -> FloatArray:
@@ -199,7 +273,9 @@ def _unit(mechanism: Mechanism, q: FloatArray) -> FloatArray:
     for motion in mechanism.motions:
         if len(motion.positions) > 1:
             first = mechanism.positions.index(motion.positions[0])
-            q[:, first : first + 4] /= np.linalg.norm(q[:, first : first + 4], axis=1, keepdims=True)
+            q[:, first : first + 4] /= np.linalg.norm(
+                q[:, first : first + 4], axis=1, keepdims=True
+            )
     return q
 
 
@@ -213,10 +289,15 @@ def test_power_is_the_change_of_energy() -> None:
     q, qd, qdd = random_states(mechanism, 5)
     h = 1e-5
     ahead, back = (
-        evaluate_floats(form, mechanism, q + t * qd + t * t / 2 * qdd, qd + t * qdd, qdd)[:, 0, 1:] for t in (h, -h)
+        evaluate_floats(
+            form, mechanism, q + t * qd + t * t / 2 * qdd, qd + t * qdd, qdd
+        )[:, 0, 1:]
+        for t in (h, -h)
     )
     power = np.einsum("sij,si->sj", float_regressor(mechanism, q, qd, qdd), qd)
-    np.testing.assert_allclose((ahead - back) / (2 * h), power, atol=1e-6 * np.abs(power).max())
+    np.testing.assert_allclose(
+        (ahead - back) / (2 * h), power, atol=1e-6 * np.abs(power).max()
+    )
 
 
 # -- base parameters ---------------------------------------------------------------------------------------------------
@@ -225,7 +306,9 @@ def test_power_is_the_change_of_energy() -> None:
 def svd_rank(mechanism: Mechanism) -> int:
     q, qd, qdd = random_states(mechanism, 400)
     rows = float_regressor(mechanism, q, qd, qdd).reshape(-1, len(mechanism.parameters))
-    singular = np.linalg.svd(rows / np.maximum(np.abs(rows).max(axis=0), 1e-300), compute_uv=False)
+    singular = np.linalg.svd(
+        rows / np.maximum(np.abs(rows).max(axis=0), 1e-300), compute_uv=False
+    )
     ratios = [b / a for a, b in pairwise(singular) if a > 1e-9 * singular[0]]
     cut = int(np.argmin(ratios))
     assert ratios[cut] < 1e-6
@@ -261,13 +344,20 @@ bodies:
   - {name: b, parent: a, joint: {type: prismatic, name: s, axis: y}}
 """
     for knot in ("0", "1.5", "-2", "0.01"):
-        mechanism = read_description(text.replace("KNOT", knot), "slides.yaml", ReadingOptions())
-        assert ec.base_parameters(mechanism).rank == 2  # M1 + M2 everywhere, M2 beyond the knot
+        mechanism = read_description(
+            text.replace("KNOT", knot), "slides.yaml", ReadingOptions()
+        )
+        assert (
+            ec.base_parameters(mechanism).rank == 2
+        )  # M1 + M2 everywhere, M2 beyond the knot
 
 
 def test_a_polynomial_of_degree_one_is_a_linear_coupling() -> None:
     line = "couplings: [slide: {spline: {of: knee, points: [[-1, -1], [0, 1], [2, 5]]}}, lift: knee, tilt: hip]"
-    mechanism, same = leg(line), leg("couplings: [slide: 2*knee + 1, lift: knee, tilt: hip]")
+    mechanism, same = (
+        leg(line),
+        leg("couplings: [slide: 2*knee + 1, lift: knee, tilt: hip]"),
+    )
     assert mechanism.couplings == same.couplings
     assert mechanism.bodies == same.bodies
 
@@ -288,7 +378,9 @@ bodies:
 
 def test_descriptions_are_written_exactly() -> None:
     mechanism = leg()
-    again = read_description(json.dumps(write_description(mechanism)), "again", ReadingOptions())
+    again = read_description(
+        json.dumps(write_description(mechanism)), "again", ReadingOptions()
+    )
     assert (again.couplings, again.bodies) == (mechanism.couplings, mechanism.bodies)
 
 
@@ -299,21 +391,46 @@ def test_coordinates_are_held_with_what_follows_them() -> None:
     assert not part.couplings
     q = np.array([[0.3]])
     full = leg(COUPLED.replace(" - 0.4*hip", ""))
-    expected = float_regressor(full, np.array([[0.3, 0.4]]), np.array([[0.7, 0]]), np.array([[-0.2, 0]]))[:, :1]
-    np.testing.assert_allclose(float_regressor(part, q, [[0.7]], [[-0.2]]), expected, atol=1e-6)
+    expected = float_regressor(
+        full, np.array([[0.3, 0.4]]), np.array([[0.7, 0]]), np.array([[-0.2, 0]])
+    )[:, :1]
+    np.testing.assert_allclose(
+        float_regressor(part, q, [[0.7]], [[-0.2]]), expected, atol=1e-6
+    )
     assert mechanism.couplings
 
 
 REFUSED = {
-    "circle": ("couplings: [slide: knee^2, knee: slide]", "circle: slide -> knee -> slide"),
-    "product": ("couplings: [slide: hip*knee]", "not a sum of polynomials in one coordinate each"),
+    "circle": (
+        "couplings: [slide: knee^2, knee: slide]",
+        "circle: slide -> knee -> slide",
+    ),
+    "product": (
+        "couplings: [slide: hip*knee]",
+        "not a sum of polynomials in one coordinate each",
+    ),
     "cosine": ("couplings: [slide: cos(knee)]", "not a sum of polynomials"),
-    "pi": ("couplings: [slide: (knee - pi/2)^2]", "pi can occur in the constant part only"),
+    "pi": (
+        "couplings: [slide: (knee - pi/2)^2]",
+        "pi can occur in the constant part only",
+    ),
     "degree": ("couplings: [slide: knee^40]", "powers 0 to 32"),
-    "sum of two squared": ("couplings: [slide: hip + knee, tilt: slide^2]", "'slide' follows hip, knee"),
-    "one point": ("couplings: [slide: {spline: {of: knee, points: [[0, 1]]}}]", "two points or more"),
-    "same point": ("couplings: [slide: {spline: {of: knee, points: [[0, 1], [0, 2]]}}]", "an x of its own"),
-    "unknown": ("couplings: [slide: {spline: {of: kne, points: [[0, 1], [1, 2]]}}]", "no coordinate 'kne'.*knee"),
+    "sum of two squared": (
+        "couplings: [slide: hip + knee, tilt: slide^2]",
+        "'slide' follows hip, knee",
+    ),
+    "one point": (
+        "couplings: [slide: {spline: {of: knee, points: [[0, 1]]}}]",
+        "two points or more",
+    ),
+    "same point": (
+        "couplings: [slide: {spline: {of: knee, points: [[0, 1], [0, 2]]}}]",
+        "an x of its own",
+    ),
+    "unknown": (
+        "couplings: [slide: {spline: {of: kne, points: [[0, 1], [1, 2]]}}]",
+        "no coordinate 'kne'.*knee",
+    ),
     "spline of a spline": (
         "couplings: [slide: knee^2, lift: {spline: {of: slide, points: [[0, 1], [1, 2], [2, 0]]}}]",
         "a spline of a coordinate that itself depends on others",
@@ -338,7 +455,10 @@ def test_refusals(case: str) -> None:
 @given(st.lists(fractions, min_size=1, max_size=4), st.integers(0, 1000))
 def test_random_polynomials_against_the_free_tree(a: list[Fraction], seed: int) -> None:
     powers = " + ".join(f"({c})*knee^{k}" for k, c in enumerate(a, start=1))
-    mechanism, free = leg(f"couplings: [slide: '{powers}', lift: 0.5*knee, tilt: hip]"), leg("")
+    mechanism, free = (
+        leg(f"couplings: [slide: '{powers}', lift: 0.5*knee, tilt: hip]"),
+        leg(""),
+    )
     q, qd, qdd = random_states(mechanism, 2, seed)
     f = Powers([0, *map(float, a)])
     hip, knee = q.T
@@ -347,7 +467,11 @@ def test_random_polynomials_against_the_free_tree(a: list[Fraction], seed: int) 
     positions = np.column_stack([hip, f(knee), 0.5 * knee, knee, hip])
     moved = np.einsum("sij,sj->si", jacobian, qdd)
     moved[:, 1] += bend * qd[:, 1] ** 2
-    every = float_regressor(free, positions, np.einsum("sij,sj->si", jacobian, qd), moved)
+    every = float_regressor(
+        free, positions, np.einsum("sij,sj->si", jacobian, qd), moved
+    )
     expected = np.einsum("sij,sip->sjp", jacobian, every)
     found = float_regressor(mechanism, q, qd, qdd)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * (1 + np.abs(expected).max()))
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-11 * (1 + np.abs(expected).max())
+    )

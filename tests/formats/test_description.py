@@ -66,7 +66,10 @@ def test_no_example_is_forgotten() -> None:
 
 def test_modified_dh_is_what_textbooks_mean() -> None:
     from_file, from_code = ec.load(ROOT / "examples/rx90.yaml"), arms.rx90()
-    assert ec.base_parameters(from_file).matrix.rows == ec.base_parameters(from_code).matrix.rows
+    assert (
+        ec.base_parameters(from_file).matrix.rows
+        == ec.base_parameters(from_code).matrix.rows
+    )
 
 
 def test_standard_and_modified_dh_of_the_same_arm_see_the_same() -> None:
@@ -90,11 +93,17 @@ modified_dh:
   - {joint: revolute, a: a2, alpha: -pi/2}
 """
     for gravity in ("none", "generic", "[0, 0, -9.81]", "[0, -9.81, 0]"):
-        ranks = {ec.base_structure(read(t.replace("GRAVITY", gravity))).rank for t in (standard, modified)}
+        ranks = {
+            ec.base_structure(read(t.replace("GRAVITY", gravity))).rank
+            for t in (standard, modified)
+        }
         assert len(ranks) == 1
     # body 3 has the same frame in both, since its row ends without constants: equal efforts of its parameters
     states = random_states(read(standard.replace("GRAVITY", "[0, 0, -9.81]")), 3)
-    x = [float_regressor(read(t.replace("GRAVITY", "[0, 0, -9.81]")), *states) for t in (standard, modified)]
+    x = [
+        float_regressor(read(t.replace("GRAVITY", "[0, 0, -9.81]")), *states)
+        for t in (standard, modified)
+    ]
     np.testing.assert_allclose(x[0][:, :, 20:], x[1][:, :, 20:], atol=1e-12)
 
 
@@ -120,8 +129,12 @@ def test_decimal_angles_are_snapped_and_named() -> None:
 
 @pytest.mark.parametrize("name", ["E", "I", "S", "N", "Q", "lambda1", "beta", "γ"])
 def test_symbols_may_be_named_like_functions_of_other_programs(name: str) -> None:
-    text = f"echelon: 1\nsymbols: {{{name}: 0.5}}\nmodified_dh:\n  - {{joint: revolute}}\n"
-    base = ec.base_parameters(read(text + f"  - {{joint: revolute, alpha: pi/2, a: '{name}'}}\n"))
+    text = (
+        f"echelon: 1\nsymbols: {{{name}: 0.5}}\nmodified_dh:\n  - {{joint: revolute}}\n"
+    )
+    base = ec.base_parameters(
+        read(text + f"  - {{joint: revolute, alpha: pi/2, a: '{name}'}}\n")
+    )
     assert base.matrix.symbols == (name,)
     assert str(base.B_exact).count("I") == 0
     assert name in str(base)
@@ -139,13 +152,20 @@ modified_dh:
 """
     mechanism = read(text)
     assert mechanism.velocities == ("j1", "j2")
-    assert {n: str(r) for n, r in mechanism.couplings[0].terms} == {"j1": "n", "j2": "-2"}
+    assert {n: str(r) for n, r in mechanism.couplings[0].terms} == {
+        "j1": "n",
+        "j2": "-2",
+    }
     moved = read(text.replace("theta", "t").replace(" + pi/2", ""))
     q, qd, qdd = random_states(mechanism, 2)
     free = read(text.replace("couplings: [{j3: n*j1 - 2*j2 + pi/2}]", ""))
     t = np.array([[1, 0], [0, 1], [3, -2]])
     full = float_regressor(free, q @ t.T + [0, 0, np.pi / 2], qd @ t.T, qdd @ t.T)
-    np.testing.assert_allclose(float_regressor(mechanism, q, qd, qdd), np.einsum("oi,kon->kin", t, full), atol=1e-11)
+    np.testing.assert_allclose(
+        float_regressor(mechanism, q, qd, qdd),
+        np.einsum("oi,kon->kin", t, full),
+        atol=1e-11,
+    )
     assert moved.bodies != mechanism.bodies
 
 
@@ -169,7 +189,9 @@ def test_round_trip(robot: Callable[[], Mechanism]) -> None:
     jsonschema.Draft202012Validator(json_schema()).validate(json.loads(text))
 
 
-@pytest.mark.parametrize("file", ["robot", "base_model", "linear_base", "identified", "trajectory"])
+@pytest.mark.parametrize(
+    "file", ["robot", "base_model", "linear_base", "identified", "trajectory"]
+)
 def test_published_schemas_are_up_to_date(file: str) -> None:
     expected = {
         "robot": json_schema,
@@ -179,7 +201,9 @@ def test_published_schemas_are_up_to_date(file: str) -> None:
         "trajectory": trajectory_schema,
     }[file]()
     path = ROOT / f"schemas/{file}.schema.json"
-    assert json.loads(path.read_text()) == expected, "run: echelon schema ... > schemas/..."
+    assert json.loads(path.read_text()) == expected, (
+        "run: echelon schema ... > schemas/..."
+    )
 
 
 def test_a_saved_model_follows_its_schema(tmp_path: Path) -> None:
@@ -218,7 +242,10 @@ MISTAKES = {
     "typo at the top": (DH + "gravitty: none\n", "gravity"),
     "typo in a type": (row("joint: revolut"), "revolute"),
     "unknown symbol": (row("joint: revolute, a: m"), "'m'"),
-    "not an expression": (row("joint: revolute, alpha: 'pi/('"), "modified_dh[1].alpha"),
+    "not an expression": (
+        row("joint: revolute, alpha: 'pi/('"),
+        "modified_dh[1].alpha",
+    ),
     "not a number": (row("joint: revolute, a: hello world"), "modified_dh[1].a"),
     "nan": (row("joint: revolute, a: .nan"), "modified_dh[1].a"),
     "infinite": (row("joint: revolute, a: .inf"), "modified_dh[1].a"),
@@ -238,20 +265,32 @@ MISTAKES = {
         DH.replace("0.3", "{approximate: -0.4636476, tangent_squared: 1/4}"),
         "between 0 and pi/2, and 1/4 is not that of -0.4636476 rad",
     ),
-    "tangent without an angle": (DH.replace("0.3", "{tangent_squared: 1/4}"), "stated as approximate"),
+    "tangent without an angle": (
+        DH.replace("0.3", "{tangent_squared: 1/4}"),
+        "stated as approximate",
+    ),
     "symbol value": (DH.replace("0.3", "[1]"), "symbols.l"),
     "unknown antecedent": (row("joint: revolute, parent: 9"), "9"),
     "unknown parent": (bodies(f"name: a, parent: z, {TURN}"), "'z'"),
-    "cycle": (bodies(f"name: a, parent: b, {TURN}", f"name: b, parent: a, {TURN}"), "circle: a -> b -> a"),
+    "cycle": (
+        bodies(f"name: a, parent: b, {TURN}", f"name: b, parent: a, {TURN}"),
+        "circle: a -> b -> a",
+    ),
     "name twice": (bodies(f"name: a, {TURN}", f"name: a, parent: a, {TURN}"), "a"),
     "zero axis": (bodies("name: a, joint: {type: revolute, axis: [0, 0, 0]}"), "axis"),
     "no axis": (bodies("name: a, joint: {type: revolute}"), "axis"),
     "unknown joint": (bodies("name: a, joint: {type: screw}"), "helical"),
     "no pitch": (bodies("name: a, joint: {type: helical, axis: z}"), "pitch"),
-    "parallel axes": (bodies("name: a, joint: {type: universal, axis: z, axis2: z}"), "perpendicular"),
+    "parallel axes": (
+        bodies("name: a, joint: {type: universal, axis: z, axis2: z}"),
+        "perpendicular",
+    ),
     "coupling unknown": (DH + "couplings: [{j9: j1}]\n", "j9"),
     "coupling itself": (row("joint: revolute") + "couplings: [{j2: 2*j2}]\n", "j2"),
-    "coupling nonlinear": (row("joint: revolute") + "couplings: [{j2: cos(j1)}]\n", "j2"),
+    "coupling nonlinear": (
+        row("joint: revolute") + "couplings: [{j2: cos(j1)}]\n",
+        "j2",
+    ),
     "gravity": (DH + "gravity: [0, 0]\n", "gravity"),
     "gravity word": (DH + "gravity: sideways\n", "gravity"),
     "inertial": (row("joint: revolute, inertial: {mass: 1}"), "inertial"),
@@ -270,12 +309,16 @@ def test_mistakes(case: str) -> None:
 
 
 def test_alias_bombs_are_refused() -> None:
-    lines = ["a0: &a0 [x]"] + [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 12)]
+    lines = ["a0: &a0 [x]"] + [
+        f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 12)
+    ]
     with pytest.raises(ec.InputError):
         read("echelon: 1\n" + "\n".join(lines))
 
 
-@pytest.mark.parametrize("data", [b"\xff\xfe\x00", b"\x00\x01", "echelon: 1\nname: \u0007".encode()])
+@pytest.mark.parametrize(
+    "data", [b"\xff\xfe\x00", b"\x00\x01", "echelon: 1\nname: \u0007".encode()]
+)
 def test_binary_files_are_refused(data: bytes) -> None:
     with pytest.raises(ec.InputError, match=r"robot\.yaml"):
         RobotFile.of(data, "robot.yaml").mechanism(ReadingOptions())

@@ -23,13 +23,23 @@ actuators: {m1: 50*j1}
         ("none", []),
         ("{j2: viscous, all: [offset]}", ["Fv2", "Fo1", "Fo2"]),
         ("{j2: [coulomb, {type: stribeck, velocity: 0.1}]}", ["Fc2", "Fs2"]),
-        ("{j2: {viscous: , stribeck: {velocity: 0.1}}, m1: {type: offset}}", ["Fv2", "Fs2", "Fo1"]),
-        ("{viscous: all, coulomb: [m1], offset: {at: j2, side: joint}}", ["Fv1", "Fv2", "Fc1", "Fo2"]),
+        (
+            "{j2: {viscous: , stribeck: {velocity: 0.1}}, m1: {type: offset}}",
+            ["Fv2", "Fs2", "Fo1"],
+        ),
+        (
+            "{viscous: all, coulomb: [m1], offset: {at: j2, side: joint}}",
+            ["Fv1", "Fv2", "Fc1", "Fo2"],
+        ),
         ('{j2: {parameter: k, acts: [{term: "sin(q)"}]}}', ["k"]),
     ],
 )
-def test_effects_by_place_by_type_or_in_a_list(effects: str, parameters: list[str]) -> None:
-    assert [effect.parameter for effect in ec.load(f"{ARM}effects: {effects}\n").effects] == parameters
+def test_effects_by_place_by_type_or_in_a_list(
+    effects: str, parameters: list[str]
+) -> None:
+    assert [
+        effect.parameter for effect in ec.load(f"{ARM}effects: {effects}\n").effects
+    ] == parameters
 
 
 def test_a_robot_file_is_its_name(tmp_path: Path) -> None:
@@ -42,15 +52,36 @@ def test_a_robot_file_is_its_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("log: {positions: q}", r"log.positions: unknown key.*write +position: 'q_\{n\}' \(line 4\)"),
-        ("log: q", r"log: needs a mapping.*write +log: \{time: t, position: 'q_\{n\}', output: 'tau_\{n\}'\}"),
-        ("efects: [viscous]", r"efects: unknown key.*write +effects: \[\{type: viscous, at: all\}\]"),
-        ("effects: {j1: [viscus]}", r"'viscus' is not valid; did you mean 'viscous'.*write +type: viscous"),
+        (
+            "log: {positions: q}",
+            r"log.positions: unknown key.*write +position: 'q_\{n\}' \(line 4\)",
+        ),
+        (
+            "log: q",
+            r"log: needs a mapping.*write +log: \{time: t, position: 'q_\{n\}', output: 'tau_\{n\}'\}",
+        ),
+        (
+            "efects: [viscous]",
+            r"efects: unknown key.*write +effects: \[\{type: viscous, at: all\}\]",
+        ),
+        (
+            "effects: {j1: [viscus]}",
+            r"'viscus' is not valid; did you mean 'viscous'.*write +type: viscous",
+        ),
         ("effects: {jx: viscous}", r"effects\[0\].at: there is no coordinate 'jx'"),
-        ("outputs: [{joints: all}]", r"needs one of the keys joint, actuator, wrench and sum.*write +outputs: "),
-        ("preparation: {band: x}", r"needs a number or an expression of numbers and pi, found 'x'; write +band: 5"),
+        (
+            "outputs: [{joints: all}]",
+            r"needs one of the keys joint, actuator, wrench and sum.*write +outputs: ",
+        ),
+        (
+            "preparation: {band: x}",
+            r"needs a number or an expression of numbers and pi, found 'x'; write +band: 5",
+        ),
         ("identification: {prior: arm.urdf}", r"write +prior: \{file: arm.urdf"),
-        ("identification: {bodies: {j1: {mas: 3}}}", r"bodies.j1.mas: .*write +mass: \[1, 5\]"),
+        (
+            "identification: {bodies: {j1: {mas: 3}}}",
+            r"bodies.j1.mas: .*write +mass: \[1, 5\]",
+        ),
     ],
 )
 def test_errors_about_keys_show_the_line_to_write(text: str, problem: str) -> None:
@@ -61,5 +92,8 @@ def test_errors_about_keys_show_the_line_to_write(text: str, problem: str) -> No
 def test_patterns_of_columns_do_arithmetic() -> None:
     log = 'log: {time: t, position: "{n+12}", velocity: "v{2*n-1}", output: "{name}{i+1}{x}"}'
     (columns,) = ec.load_setup(f"{ARM}{log}\n").columns
-    named = [[c.column for c in group.values()] for group in (columns.positions, columns.velocities, columns.outputs)]
+    named = [
+        [c.column for c in group.values()]
+        for group in (columns.positions, columns.velocities, columns.outputs)
+    ]
     assert named == [["13", "14"], ["v1", "v3"], ["m11{x}", "j22{x}"]]

@@ -17,7 +17,9 @@ from support.textbook_poses import Array, X, moved, pose_of, turned
 
 
 def read(text: str, **options: Any) -> Mechanism:
-    return read_description(f"echelon: 1\n{text}", "robot.yaml", ReadingOptions(**options))
+    return read_description(
+        f"echelon: 1\n{text}", "robot.yaml", ReadingOptions(**options)
+    )
 
 
 # -- fixed parts ------------------------------------------------------------------------------------------------------
@@ -49,7 +51,9 @@ def test_what_is_fixed_rides_along() -> None:
     hand = read(TOOL.replace("VALUE", "pi/6")).bodies[0]
     place = moved(0, 0, 0.3) @ turned(X, np.pi / 6) @ [0, 0.5, 0.2, 1]
     assert hand.inertial is not None
-    np.testing.assert_allclose(hand.inertial, point_mass(2, [0.1, 0, 0]) + point_mass(3, place[:3]), atol=1e-12)
+    np.testing.assert_allclose(
+        hand.inertial, point_mass(2, [0.1, 0, 0]) + point_mass(3, place[:3]), atol=1e-12
+    )
 
 
 def test_inertial_values_at_a_symbolic_place_are_unknown() -> None:
@@ -63,13 +67,20 @@ def test_fixed_parts_can_be_kept_apart() -> None:
     text = TOOL.replace("VALUE", "null")
     apart = read(text.replace("- name: tool", "- name: tool\n    separate: true"))
     assert [body.name for body in apart.bodies] == ["hand", "tool"]
-    assert [body.name for body in read(text, keep_fixed_links=True).bodies] == ["hand", "flange", "tool"]
+    assert [body.name for body in read(text, keep_fixed_links=True).bodies] == [
+        "hand",
+        "flange",
+        "tool",
+    ]
 
 
 def test_labels_do_not_depend_on_whether_the_base_is_kept() -> None:
     text = "bodies: [{name: stand}, {name: arm, parent: stand, joint: {type: revolute, axis: z}}]"
     assert [body.label for body in read(text).bodies] == ["1"]
-    assert [body.label for body in read(text, keep_fixed_links=True).bodies] == ["0", "1"]
+    assert [body.label for body in read(text, keep_fixed_links=True).bodies] == [
+        "0",
+        "1",
+    ]
     assert [body.label for body in read(text, floating=True).bodies] == ["0", "1"]
 
 
@@ -86,7 +97,11 @@ ARM = "{name: arm, PARENT joint: {type: revolute, axis: z, origin: {xyz: [1, 0, 
 FLOATS = {
     "table": ("modified_dh: [{joint: revolute}]", ["base", "j1"], ["0", "1"]),
     "first part moves": (f"bodies: [{ARM}]", ["base", "arm"], ["0", "1"]),
-    "first part is the base": (f"bodies: [{{name: trunk}}, {ARM}]", ["trunk", "arm"], ["0", "1"]),
+    "first part is the base": (
+        f"bodies: [{{name: trunk}}, {ARM}]",
+        ["trunk", "arm"],
+        ["0", "1"],
+    ),
     "no bodies": ("bodies: []", ["base"], ["0"]),
 }
 
@@ -98,15 +113,28 @@ def test_floating_base(case: str) -> None:
     for mechanism in (read(text, floating=True), read(f"floating_base: true\n{text}")):
         assert [body.name for body in mechanism.bodies] == names
         assert [body.label for body in mechanism.bodies] == labels
-        assert mechanism.velocities[:6] == ("base.tx", "base.ty", "base.tz", "base.r.x", "base.r.y", "base.r.z")
+        assert mechanism.velocities[:6] == (
+            "base.tx",
+            "base.ty",
+            "base.tz",
+            "base.r.x",
+            "base.r.y",
+            "base.r.z",
+        )
         assert [body.parent for body in mechanism.bodies] == [-1, 0][: len(names)]
 
 
 def test_a_base_that_floats_already_is_not_set_free_again() -> None:
     text = f"bodies: [{{name: trunk, joint: {{type: floating}}}}, {ARM.replace('PARENT', 'parent: trunk,')}]"
     assert read(text).degrees_of_freedom == 7
-    for stated, options in ((text, {"floating": True}), (f"floating_base: true\n{text}", {})):
-        with pytest.raises(InputError, match="body 'trunk' floats already, by its own joint: leave floating_base"):
+    for stated, options in (
+        (text, {"floating": True}),
+        (f"floating_base: true\n{text}", {}),
+    ):
+        with pytest.raises(
+            InputError,
+            match="body 'trunk' floats already, by its own joint: leave floating_base",
+        ):
             read(stated, **options)
 
 
@@ -117,7 +145,9 @@ def test_what_hangs_on_a_floating_base_keeps_its_place() -> None:
 
 
 def test_effects_at_all_leave_a_floating_base_out() -> None:
-    robot = read(f"floating_base: true\nbodies: [{ARM.replace('PARENT', '')}]\neffects: [{{type: coulomb, at: all}}]")
+    robot = read(
+        f"floating_base: true\nbodies: [{ARM.replace('PARENT', '')}]\neffects: [{{type: coulomb, at: all}}]"
+    )
     assert [effect.parameter for effect in robot.effects] == ["Fc1"]
 
 
@@ -134,7 +164,9 @@ def test_long_sums_are_read() -> None:
 
 def test_expressions_cannot_grow_without_bounds() -> None:
     with pytest.raises(InputError, match="terms"):
-        read("symbols: {a: 1, b: 1, c: 1, d: 1}\nmodified_dh: [{joint: revolute, a: (a + b + c + d)^32}]")
+        read(
+            "symbols: {a: 1, b: 1, c: 1, d: 1}\nmodified_dh: [{joint: revolute, a: (a + b + c + d)^32}]"
+        )
     with pytest.raises(InputError, match="beyond the range"):
         read("modified_dh: [{joint: revolute, a: (9^32)^32}]")
 

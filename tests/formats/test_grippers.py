@@ -16,7 +16,9 @@ from echelon.formats.snapping import ReadingOptions
 from support.mjcf_models import model
 from support.mujoco_loops import Array, Equalities, null_space
 
-_INERTIA = '<inertial pos="0.001 0.002 0.003" mass="0.02" diaginertia="2e-6 2.1e-6 2.2e-6"/>'
+_INERTIA = (
+    '<inertial pos="0.001 0.002 0.003" mass="0.02" diaginertia="2e-6 2.1e-6 2.2e-6"/>'
+)
 _HEAD = '<compiler angle="radian"/><default><joint axis="1 0 0"/></default>'
 _TIED = '<joint joint1="left_driver" joint2="right_driver" polycoef="0 1 0 0 0"/>'
 
@@ -39,7 +41,8 @@ def parallelogram(side: str, sign: str, quat: str) -> str:
 
 def hand(finger, anchor: str, ends: tuple[str, str], tied: bool = True) -> str:  # type: ignore[no-untyped-def]
     pins = "".join(
-        f'<connect body1="{s}_{ends[0]}" body2="{s}_{ends[1]}" anchor="{anchor}"/>' for s in ("right", "left")
+        f'<connect body1="{s}_{ends[0]}" body2="{s}_{ends[1]}" anchor="{anchor}"/>'
+        for s in ("right", "left")
     )
     sides = finger("right", "", "") + finger("left", "-", 'quat="0 0 0 1"')
     return model(sides, _HEAD, f"<equality>{pins}{_TIED * tied}</equality>")
@@ -49,9 +52,16 @@ HANDS = {
     "adaptive": hand(adaptive, "0 0 0", ("follower", "coupler")),
     "adaptive, untied": hand(adaptive, "0 0 0", ("follower", "coupler"), tied=False),
     "parallelogram": hand(parallelogram, "0 -0.015 0.015", ("finger", "inner")),
-    "parallelogram, untied": hand(parallelogram, "0 -0.015 0.015", ("finger", "inner"), tied=False),
+    "parallelogram, untied": hand(
+        parallelogram, "0 -0.015 0.015", ("finger", "inner"), tied=False
+    ),
 }
-RANKS = {"adaptive": 19, "adaptive, untied": 22, "parallelogram": 3, "parallelogram, untied": 6}
+RANKS = {
+    "adaptive": 19,
+    "adaptive, untied": 22,
+    "parallelogram": 3,
+    "parallelogram, untied": 6,
+}
 
 
 @pytest.mark.parametrize("name", RANKS)
@@ -59,7 +69,9 @@ def test_ranks_are_those_at_closed_states(name: str) -> None:
     robot = RobotFile.of(HANDS[name].encode(), "hand.xml").mechanism(ReadingOptions())
     assert ec.base_parameters(robot).rank == RANKS[name]
     equalities = Equalities(HANDS[name])
-    singular = equalities.singular_values(np.random.default_rng(1), equalities.model.qpos0, 25)
+    singular = equalities.singular_values(
+        np.random.default_rng(1), equalities.model.qpos0, 25
+    )
     gap = singular[RANKS[name] - 1] / singular[RANKS[name]]
     assert gap > 1e4
 
@@ -77,14 +89,22 @@ def apart(name: str, spread: float) -> int:
     rng, q, rows = np.random.default_rng(2), np.array(free.model.qpos0), []
     _, rest = free.energies(q, np.zeros(free.model.nv))
     for _ in range(60):
-        q = free.closed(rng.uniform(-spread, spread, free.model.nq), 300) if spread else free.walk(rng, 3, q)
+        q = (
+            free.closed(rng.uniform(-spread, spread, free.model.nq), 300)
+            if spread
+            else free.walk(rng, 3, q)
+        )
         if np.abs(free.at(q)[0]).max() < 1e-12:
             motions = null_space(tied.at(q)[1])
-            kinetic, potential = free.energies(q, motions @ rng.normal(size=motions.shape[1]))
+            kinetic, potential = free.energies(
+                q, motions @ rng.normal(size=motions.shape[1])
+            )
             rows += [kinetic, potential - rest]
     table = np.array(rows)
     sizes = np.linalg.norm(table, axis=0)
-    singular: Array = np.linalg.svd(table / np.maximum(sizes, 1e-6 * sizes.max()), compute_uv=False)
+    singular: Array = np.linalg.svd(
+        table / np.maximum(sizes, 1e-6 * sizes.max()), compute_uv=False
+    )
     return int((singular > 1e-8 * singular[0]).sum())
 
 
@@ -94,7 +114,11 @@ def test_what_states_with_fingers_apart_would_show() -> None:
     assert apart("parallelogram", 2.0) == 15
 
 
-NEAR = HANDS["parallelogram"].replace("0.035465 0.042039", "0.03546 0.04204").replace("-0.015 0.015", "-0.01501 0.015")
+NEAR = (
+    HANDS["parallelogram"]
+    .replace("0.035465 0.042039", "0.03546 0.04204")
+    .replace("-0.015 0.015", "-0.01501 0.015")
+)
 
 
 @pytest.mark.slow
@@ -104,10 +128,13 @@ def test_a_parallelogram_within_rounding_is_meant() -> None:
     base = ec.base_parameters(robot)
     assert (base.rank, base.reading.literal_rank) == (3, 8)
     assert {snap.element for snap in base.reading.decisive} == {
-        f"equality connect '{side}_finger and {side}_inner'" for side in ("left", "right")
+        f"equality connect '{side}_finger and {side}_inner'"
+        for side in ("left", "right")
     }
     assert base.reading.snaps[0].difference == pytest.approx(1e-5)
-    robot = RobotFile.of(NEAR.encode(), "hand.xml").mechanism(ReadingOptions(snap_tolerance=0))
+    robot = RobotFile.of(NEAR.encode(), "hand.xml").mechanism(
+        ReadingOptions(snap_tolerance=0)
+    )
     assert ec.base_structure(robot).rank == 8
     far = NEAR.replace("-0.01501 0.015", "-0.0155 0.015")
     robot = RobotFile.of(far.encode(), "hand.xml").mechanism(ReadingOptions())

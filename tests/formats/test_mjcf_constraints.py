@@ -28,7 +28,9 @@ def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def read(text: str) -> Mechanism:
-    return RobotFile.of(text.encode(), "robot.xml").mechanism(ReadingOptions(snap_tolerance=0))
+    return RobotFile.of(text.encode(), "robot.xml").mechanism(
+        ReadingOptions(snap_tolerance=0)
+    )
 
 
 def coordinates(model: Any) -> tuple[list[str], list[str]]:
@@ -37,7 +39,9 @@ def coordinates(model: Any) -> tuple[list[str], list[str]]:
     for k in range(model.njnt):
         name, count = model.joint(k).name, len(model.joint(k).qpos0)
         ball = {1: "", 4: name, 7: f"{name}.r"}[count]
-        moved = [f"{name}.t{c}" for c in "xyz"] if count == 7 else [] if ball else [name]
+        moved = (
+            [f"{name}.t{c}" for c in "xyz"] if count == 7 else [] if ball else [name]
+        )
         positions += moved + [f"{ball}.{c}" for c in "wxyz" if ball]
         velocities += moved + [f"{ball}.{c}" for c in "xyz" if ball]
     return positions, velocities
@@ -59,17 +63,30 @@ def allowed(mechanism: Mechanism, model: Any, q: Array) -> tuple[Array, Array]:
     if not mechanism.closures:
         return np.zeros(0), np.linalg.qr(followed)[0]
     closures = ClosureValues(mechanism)
-    values, jacobian = closures.at(np.array([[at[name] for name in mechanism.positions]]))
+    values, jacobian = closures.at(
+        np.array([[at[name] for name in mechanism.positions]])
+    )
     free = null_space(jacobian[0][:, : len(place)] / closures.units[: len(place)])
     return values[0], np.linalg.qr(followed @ free)[0]
 
 
 def check(text: str, seed: int) -> None:
     equalities = Equalities(text)
-    agree(read(text), equalities, equalities.closed(equalities.model.qpos0), np.random.default_rng(seed))
+    agree(
+        read(text),
+        equalities,
+        equalities.closed(equalities.model.qpos0),
+        np.random.default_rng(seed),
+    )
 
 
-def agree(mechanism: Mechanism, equalities: Equalities, q: Array, rng: np.random.Generator, states: int = 2) -> int:
+def agree(
+    mechanism: Mechanism,
+    equalities: Equalities,
+    q: Array,
+    rng: np.random.Generator,
+    states: int = 2,
+) -> int:
     """The same motions are allowed at random closed states; returns how many directions of them there are."""
     freedoms = 0
     assert np.abs(equalities.at(q)[0]).max(initial=0.0) < _DIGITS
@@ -91,7 +108,9 @@ UNCLOSED = {2, 7, 8, 9, 12, 13, 15, 16, 17, 18, 21, 25, 26, 33, 38}
 
 
 @pytest.mark.usefixtures("unclosed")
-@pytest.mark.parametrize("seed", slow_unless(range(20), sorted(set(range(40)) - UNCLOSED)))
+@pytest.mark.parametrize(
+    "seed", slow_unless(range(20), sorted(set(range(40)) - UNCLOSED))
+)
 def test_loops_allow_the_motions_that_mujoco_allows(seed: int) -> None:
     check(random_model(seed, loops=True), seed)
 
@@ -122,11 +141,17 @@ COUPLED = {
 }
 
 
-@pytest.mark.parametrize("name", slow_unless(["a ratio of nine digits", "a tendon"], COUPLED))
+@pytest.mark.parametrize(
+    "name", slow_unless(["a ratio of nine digits", "a tendon"], COUPLED)
+)
 def test_couplings_act_away_from_the_reference_pose(name: str, tmp_path: Path) -> None:
     head = '<compiler angle="radian"/><default><joint axis="0 0 1"/></default>'
     home = f'<keyframe><key name="home" qpos="{" ".join(map(str, HOME))}"/></keyframe>'
-    text = model(ARM, head, f'{TENDONS}<equality><weld site1="tip" site2="pin"/>{COUPLED[name]}</equality>{home}')
+    text = model(
+        ARM,
+        head,
+        f'{TENDONS}<equality><weld site1="tip" site2="pin"/>{COUPLED[name]}</equality>{home}',
+    )
     equalities, rng = Equalities(text), np.random.default_rng(1)
     q = equalities.closed(np.array(HOME))
     mechanism = loaded(text, tmp_path)
@@ -135,7 +160,9 @@ def test_couplings_act_away_from_the_reference_pose(name: str, tmp_path: Path) -
     singular = equalities.singular_values(rng, q, 80)
     assert singular[rank - 1] > 1e3 * singular[rank]
     tilted = loaded(text.replace('euler="0 0 1.4"', 'euler="2e-5 0 1.4"'), tmp_path)
-    assert tilted.closures != mechanism.closures  # frames are moved, because the rounded ones lock the loop
+    assert (
+        tilted.closures != mechanism.closures
+    )  # frames are moved, because the rounded ones lock the loop
     assert ec.base_structure(tilted).rank == rank
 
 

@@ -99,7 +99,8 @@ MODELS = {
           </body></body>"""
     ),
     "no gravity": model(
-        f'<body name="a"><joint name="a"/>{INERTIA}</body>', '<option><flag gravity="disable"/></option>'
+        f'<body name="a"><joint name="a"/>{INERTIA}</body>',
+        '<option><flag gravity="disable"/></option>',
     ),
 }
 
@@ -111,7 +112,9 @@ def simulator(text: str) -> tuple[object, object]:
     return compiled, mujoco.MjData(compiled)
 
 
-def simulated_inverse_dynamics(text: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+def simulated_inverse_dynamics(
+    text: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+) -> np.ndarray:
     compiled, data = simulator(text)
     efforts = []
     for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, qd, qdd, strict=True):
@@ -127,7 +130,9 @@ def test_regressor_times_parameters_is_mujocos_inverse_dynamics(name: str) -> No
     expected = simulated_inverse_dynamics(MODELS[name], q, qd, qdd)
     found = float_regressor(mechanism, q, qd, qdd) @ standard_vector(mechanism)
     assert np.abs(expected).max() > 0.01
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_no_gravity_is_none() -> None:
@@ -144,11 +149,15 @@ CHAIN = f"""
     </body></body></body>"""
 
 
-def coupled_efforts(text: str, mechanism: Mechanism, T: np.ndarray, q0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def coupled_efforts(
+    text: str, mechanism: Mechanism, T: np.ndarray, q0: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Efforts of a coupled mechanism: ours, and MuJoCo's at q = T θ + q₀ projected with Tᵀ."""
     q, qd, qdd = random_states(mechanism, 5)
     found = float_regressor(mechanism, q, qd, qdd) @ standard_vector(mechanism)
-    return found, simulated_inverse_dynamics(text, q @ T.T + q0, qd @ T.T, qdd @ T.T) @ T
+    return found, simulated_inverse_dynamics(
+        text, q @ T.T + q0, qd @ T.T, qdd @ T.T
+    ) @ T
 
 
 def test_coupled_joints() -> None:
@@ -163,7 +172,9 @@ def test_coupled_joints() -> None:
     T = np.array([[1.0, 0], [-2, 0], [-1, 0], [0, 1]])
     q0 = np.array([0, ref + 0.3, 0.1 + 0.05 + 0.5 * 0.3, 0])
     found, expected = coupled_efforts(text, mechanism, T, q0)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_a_joint_follows_by_a_polynomial() -> None:
@@ -186,10 +197,14 @@ def test_a_joint_follows_by_a_polynomial() -> None:
     positions = np.column_stack([q, 0.1 + first(x), functions[1](x)])
     moved = np.einsum("sij,sj->si", T, qdd)
     moved[:, 2:] += np.transpose([f.deriv(2)(x) for f in functions]) * qd[:, 1:] ** 2
-    expected = simulated_inverse_dynamics(text, positions, np.einsum("sij,sj->si", T, qd), moved)
+    expected = simulated_inverse_dynamics(
+        text, positions, np.einsum("sij,sj->si", T, qd), moved
+    )
     found = float_regressor(mechanism, q, qd, qdd) @ standard_vector(mechanism)
     expected = np.einsum("sij,si->sj", T, expected)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_tendons_couple_joints() -> None:
@@ -208,14 +223,23 @@ def test_tendons_couple_joints() -> None:
     b0 = np.deg2rad(20)
     q0 = np.array([0, 0, 0.1 - 0.05 - b0, -b0])
     found, expected = coupled_efforts(model(CHAIN, tail=tendons), mechanism, T, q0)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_a_tendon_of_one_joint_holds_it() -> None:
     tendon = '<tendon><fixed name="t"><joint joint="b" coef="2"/></fixed></tendon>'
-    text = model(CHAIN, tail=tendon + '<equality><tendon tendon1="t" polycoef="0.6 0 0 0 0"/></equality>')
+    text = model(
+        CHAIN,
+        tail=tendon
+        + '<equality><tendon tendon1="t" polycoef="0.6 0 0 0 0"/></equality>',
+    )
     held = '<equality><joint joint1="b" polycoef="0.3 0 0 0 0"/></equality>'
-    assert mechanism_of(read(text)).bodies == mechanism_of(read(model(CHAIN, tail=held))).bodies
+    assert (
+        mechanism_of(read(text)).bodies
+        == mechanism_of(read(model(CHAIN, tail=held))).bodies
+    )
     ignored = read(text, mimics=False)
     assert mechanism_of(ignored).velocities == ("a", "c", "d")
 
@@ -237,7 +261,9 @@ def test_a_tendon_follows_a_single_joint_by_a_polynomial() -> None:
         '<equality><tendon tendon1="t" tendon2="u" polycoef="0 1 0 2 0"/></equality>'
     )
     same = '<equality><joint joint1="a" joint2="d" polycoef="0 0.25 0 0.125 0"/></equality>'
-    found, expected = (mechanism_of(read(model(CHAIN, tail=tail))) for tail in (tendon, same))
+    found, expected = (
+        mechanism_of(read(model(CHAIN, tail=tail))) for tail in (tendon, same)
+    )
     assert found.couplings == expected.couplings
 
 
@@ -245,13 +271,23 @@ def test_held_joints_are_fixed_where_the_equality_holds_them() -> None:
     equality = '<equality><joint joint1="b" polycoef="0.3 9 9 9 9"/><joint joint1="d" joint2="b"/></equality>'
     text = model(CHAIN, tail=equality)
     tree = read(text)
-    assert [link.kind for link in tree.links] == ["root", "hinge", "fixed", "slide", "fixed"]
+    assert [link.kind for link in tree.links] == [
+        "root",
+        "hinge",
+        "fixed",
+        "slide",
+        "fixed",
+    ]
     assert "joint 'd' is held by an equality and cannot move" in tree.notes
     mechanism = mechanism_of(tree)
     assert mechanism.velocities == ("a", "c")
     T = np.array([[1.0, 0], [0, 0], [0, 1], [0, 0]])
-    found, expected = coupled_efforts(text, mechanism, T, np.array([0, np.deg2rad(20) + 0.3, 0, 0.3]))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    found, expected = coupled_efforts(
+        text, mechanism, T, np.array([0, np.deg2rad(20) + 0.3, 0, 0.3])
+    )
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_couplings_can_be_ignored_but_held_joints_stay_held() -> None:

@@ -40,7 +40,12 @@ def load(folder: Path, text: str, **options: object) -> Mechanism:
 def test_outputs_are_what_the_sensors_say(tmp_path: Path) -> None:
     text = model(BODIES, tail=DRIVES + SENSORS)
     robot = load(tmp_path, text, measured="file")
-    assert [body.name for body in robot.bodies] == ["a", "b", "mount", "c"]  # the sensor cuts the mount off
+    assert [body.name for body in robot.bodies] == [
+        "a",
+        "b",
+        "mount",
+        "c",
+    ]  # the sensor cuts the mount off
     assert [(output.name, output.unit) for output in robot.outputs[::3]] == [
         ("ft.fx", "N"), ("wrist.tx", "N·m"), ("low.tx", "N·m"), ("drive", "N·m"),
     ]  # fmt: skip
@@ -55,7 +60,9 @@ def test_outputs_are_what_the_sensors_say(tmp_path: Path) -> None:
         data.ctrl[:] = data.qfrc_inverse / [50, -2.5, 1]
         mujoco.mj_forward(simulated, data)
         np.testing.assert_allclose(data.qacc, state[2], atol=1e-9)
-        np.testing.assert_allclose(data.sensordata, expected, atol=1e-9 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            data.sensordata, expected, atol=1e-9 * np.abs(expected).max()
+        )
 
 
 def notes(robot: Mechanism) -> tuple[str, ...]:
@@ -68,12 +75,17 @@ def test_drives_are_measured_unless_the_sensors_are_asked_for(tmp_path: Path) ->
     robot = load(tmp_path, text)
     assert robot.measured is None
     assert [body.name for body in robot.bodies] == ["a", "b", "c"]
-    assert "6 force sensors of the file are not used; --measured file takes them as outputs" in notes(robot)
+    assert (
+        "6 force sensors of the file are not used; --measured file takes them as outputs"
+        in notes(robot)
+    )
     (tmp_path / "setup.yaml").write_text("echelon: 1\nrobot: {file: robot.xml}\n")
     setup = ec.load(tmp_path / "setup.yaml", measured="file")
     assert len(setup.outputs) == 12
     wrist = load(tmp_path, text, measured="file")
-    rows = float_regressor(wrist, *random_states(wrist, 100)).reshape(-1, len(wrist.parameters))
+    rows = float_regressor(wrist, *random_states(wrist, 100)).reshape(
+        -1, len(wrist.parameters)
+    )
     singular = np.linalg.svd(rows, compute_uv=False)
     rank = ec.base_structure(wrist).rank
     assert singular[rank] < 1e-10 * singular[0] < 1e-4 * singular[rank - 1]
@@ -85,7 +97,11 @@ def test_what_is_left_out_is_noted(tmp_path: Path) -> None:
         '<force name="w" site="ground"/><jointactuatorfrc joint="a"/><jointactuatorfrc name="two" joint="b"/></sensor>'
     )
     equality = '<equality><joint joint1="b" joint2="c"/></equality>'
-    robot = load(tmp_path, model(BODIES + '<site name="ground"/>', tail=DRIVES + sensors + equality), measured="file")
+    robot = load(
+        tmp_path,
+        model(BODIES + '<site name="ground"/>', tail=DRIVES + sensors + equality),
+        measured="file",
+    )
     assert [output.name for output in robot.outputs] == ["a"]
     for note in (
         "sensor actuatorfrc 'n' is left out: it does not drive a joint directly",
@@ -97,9 +113,16 @@ def test_what_is_left_out_is_noted(tmp_path: Path) -> None:
 
 
 def test_without_sensors_there_is_nothing_to_measure(tmp_path: Path) -> None:
-    with pytest.raises(ec.InputError, match=r"robot\.xml: the file has no force sensors"):
-        load(tmp_path, model(BODIES, tail='<sensor><jointpos joint="a"/></sensor>'), measured="file")
     with pytest.raises(
-        ec.InputError, match="argument 'measured' of load: needs one of 'drives', 'file'; found str 'all'"
+        ec.InputError, match=r"robot\.xml: the file has no force sensors"
+    ):
+        load(
+            tmp_path,
+            model(BODIES, tail='<sensor><jointpos joint="a"/></sensor>'),
+            measured="file",
+        )
+    with pytest.raises(
+        ec.InputError,
+        match="argument 'measured' of load: needs one of 'drives', 'file'; found str 'all'",
     ):
         load(tmp_path, model(BODIES), measured="all")

@@ -26,14 +26,22 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     """A URDF, and a description that adds to it."""
     urdf, added = tmp_path / "arm.urdf", tmp_path / "arm.yaml"
     urdf.write_text(ARM)
-    added.write_text("{echelon: 1, robot: {file: arm.urdf}, effects: [{type: viscous, at: j1}]}")
+    added.write_text(
+        "{echelon: 1, robot: {file: arm.urdf}, effects: [{type: viscous, at: j1}]}"
+    )
     return urdf, added
 
 
-def test_the_text_is_parsed_once(files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_text_is_parsed_once(
+    files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     parsed: list[str] = []
     parse = robot_file.parse_xml
-    monkeypatch.setattr(robot_file, "parse_xml", lambda data, source: parsed.append(source) or parse(data, source))
+    monkeypatch.setattr(
+        robot_file,
+        "parse_xml",
+        lambda data, source: parsed.append(source) or parse(data, source),
+    )
     file = open_robot(files[1])
     mechanism = file.mechanism()
     assert set(stated_limits(file, mechanism)) == {"j1", "j2"}
@@ -60,10 +68,19 @@ def test_what_is_changed_has_no_reading(files: tuple[Path, Path]) -> None:
     assert replace(mechanism) == mechanism
 
 
-def test_usual_effects_are_part_of_the_literal_reading(files: tuple[Path, Path]) -> None:
+def test_usual_effects_are_part_of_the_literal_reading(
+    files: tuple[Path, Path],
+) -> None:
     mechanism = open_robot(files[0]).mechanism(ReadingOptions(usual_effects=True))
     assert mechanism.reading is not None
-    assert [e.parameter for e in mechanism.reading.literal().effects] == ["Fv1", "Fv2", "Fc1", "Fc2", "Fo1", "Fo2"]
+    assert [e.parameter for e in mechanism.reading.literal().effects] == [
+        "Fv1",
+        "Fv2",
+        "Fc1",
+        "Fc2",
+        "Fo1",
+        "Fo2",
+    ]
     assert mechanism.reading.literal().effects == mechanism.effects
 
 
@@ -89,4 +106,6 @@ def test_tiny_numbers_are_zero(text: str) -> None:
     tiny, zero = ec.load(text.format("-1e-114")), ec.load(text.format("0"))
     assert ec.base_structure(tiny).rank == ec.base_structure(zero).rank
     assert tiny.reading is not None
-    assert any("read as zero" in note and "1e-114" in note for note in tiny.reading.notes)
+    assert any(
+        "read as zero" in note and "1e-114" in note for note in tiny.reading.notes
+    )

@@ -34,7 +34,10 @@ def same_dynamics(robot: ec.Mechanism, other: ec.Mechanism) -> None:
     bases = [ec.base_parameters(some) for some in (robot, other)]
     assert bases[0].rank == bases[1].rank
     q, qd, qdd = random_states(robot, 5)
-    torques = [base.predict(q, qd, qdd, base.values(base.mechanism.standard_values())) for base in bases]
+    torques = [
+        base.predict(q, qd, qdd, base.values(base.mechanism.standard_values()))
+        for base in bases
+    ]
     np.testing.assert_allclose(torques[0], torques[1], rtol=1e-9, atol=1e-9)
 
 
@@ -59,7 +62,9 @@ def test_a_compiled_loop_between_sites_is_that_of_its_file() -> None:
       <body pos="0 0 0.4"><joint name="j2" axis="0 1 0"/>{mass}<body pos="0.6 0 0.1"><joint name="j3" axis="0 1 0"/>
       {mass}<site pos="0.1 0 -0.5" name="s"/></body></body></body></worldbody>
       <equality><connect name="c" site1="s" site2="w"/></equality></mujoco>"""
-    found, stated = (ec.load(robot) for robot in (mujoco.MjModel.from_xml_string(text), text))
+    found, stated = (
+        ec.load(robot) for robot in (mujoco.MjModel.from_xml_string(text), text)
+    )
     assert found.degrees_of_freedom == 1
     assert found.closures == stated.closures
 
@@ -78,10 +83,20 @@ DRIVEN = """<mujoco><option><flag gravity="disable"/></option><worldbody>
 @pytest.mark.parametrize("off", ["gravity", "equality", "constraint"])
 def test_flags_drives_and_sensors_count_in_files_and_models(off: str) -> None:
     text = DRIVEN.replace("gravity=", f"{off}=")
-    robots = [ec.load(robot, measured="file") for robot in (text, mujoco.MjModel.from_xml_string(text))]
+    robots = [
+        ec.load(robot, measured="file")
+        for robot in (text, mujoco.MjModel.from_xml_string(text))
+    ]
     assert robots[0].velocities == robots[1].velocities
-    assert [robot.degrees_of_freedom for robot in robots] == [4 if off == "gravity" else 5] * 2
-    assert [output.name for output in robots[1].outputs] == ["s.tx", "s.ty", "s.tz", "one"]
+    assert [robot.degrees_of_freedom for robot in robots] == [
+        4 if off == "gravity" else 5
+    ] * 2
+    assert [output.name for output in robots[1].outputs] == [
+        "s.tx",
+        "s.ty",
+        "s.tz",
+        "one",
+    ]
     assert robots[0].outputs == robots[1].outputs
     assert {robot.gravity is None for robot in robots} == {off == "gravity"}
     same_dynamics(*robots)
@@ -95,15 +110,24 @@ def test_gravity_armatures_and_bare_inertias_of_pinocchio_count() -> None:
     robot = ec.load(model, snap_tolerance=0)
     q, qd, qdd = np.random.default_rng(1).normal(size=(3, 4, model.nv))
     usual = open_robot(model).mechanism(ReadingOptions(usual_effects=True))
-    assert [effect.value for effect in usual.effects if effect.parameter.startswith("Ia")] == [0.5]
+    assert [
+        effect.value for effect in usual.effects if effect.parameter.startswith("Ia")
+    ] == [0.5]
     model.armature[1] = 0.0
-    expected = [pinocchio.rnea(model, model.createData(), *state) for state in zip(q, qd, qdd, strict=True)]
+    expected = [
+        pinocchio.rnea(model, model.createData(), *state)
+        for state in zip(q, qd, qdd, strict=True)
+    ]
     found = float_regressor(robot, q, qd, qdd) @ standard_vector(robot)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "floating"), [("ur10_robot", False), ("kinova", False), ("solo12", True)])
-def test_a_model_of_pinocchio_is_the_urdf_it_was_read_from(name: str, floating: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "floating"), [("ur10_robot", False), ("kinova", False), ("solo12", True)]
+)
+def test_a_model_of_pinocchio_is_the_urdf_it_was_read_from(
+    name: str, floating: bool
+) -> None:
     path = robot_file(name)
     root = [pinocchio.JointModelFreeFlyer()] if floating else []
     found = ec.load(pinocchio.buildModelFromUrdf(str(path), *root), symbolic=False)
@@ -120,7 +144,11 @@ def test_pinocchio_joints_about_any_axis_are_read() -> None:
         <inertia ixx='0.1' ixy='0' ixz='0' iyy='0.2' iyz='0' izz='0.2'/></inertial></link>
         <joint name='{kind}' type='{kind}'><parent link='{parent}'/><child link='{child}'/><axis xyz='1 2 -3'/>
         <origin xyz='0.3 0 0'/><limit lower='-1' upper='1' velocity='1' effort='1'/></joint>"""
-        for parent, child, kind in (("a", "b", "continuous"), ("b", "c", "prismatic"), ("c", "d", "revolute"))
+        for parent, child, kind in (
+            ("a", "b", "continuous"),
+            ("b", "c", "prismatic"),
+            ("c", "d", "revolute"),
+        )
     )
     robots = (
         ec.load(pinocchio.buildModelFromXML(text + "</robot>"), snap_tolerance=0),
@@ -129,11 +157,16 @@ def test_pinocchio_joints_about_any_axis_are_read() -> None:
     same_dynamics(*robots)
 
 
-SIBLINGS = {"by package.xml": ("parts_folder", "<package><name>parts</name></package>"), "by folder": ("parts", "")}
+SIBLINGS = {
+    "by package.xml": ("parts_folder", "<package><name>parts</name></package>"),
+    "by folder": ("parts", ""),
+}
 
 
 @pytest.mark.parametrize("case", SIBLINGS)
-def test_packages_beside_that_of_a_xacro_file_are_found(case: str, tmp_path: Path) -> None:
+def test_packages_beside_that_of_a_xacro_file_are_found(
+    case: str, tmp_path: Path
+) -> None:
     """Where the robot's own package has folders within folders, as vendors of many robots have."""
     folder, package = SIBLINGS[case]
     (tmp_path / "robots" / "six" / "urdf" / "v2").mkdir(parents=True)
@@ -143,7 +176,9 @@ def test_packages_beside_that_of_a_xacro_file_are_found(case: str, tmp_path: Pat
     (tmp_path / folder / "urdf" / "macros.xacro").write_text(MACROS)
     file = tmp_path / "robots" / "six" / "urdf" / "v2" / "arm.urdf.xacro"
     include = '<xacro:include filename="$(find parts)/urdf/macros.xacro"/>'
-    file.write_text(ARM[: ARM.index("<xacro:include")] + include + ARM[ARM.index("<xacro:link") :])
+    file.write_text(
+        ARM[: ARM.index("<xacro:include")] + include + ARM[ARM.index("<xacro:link") :]
+    )
     assert ec.load(file).degrees_of_freedom == 1
     file.write_text(file.read_text().replace("$(find parts)", "$(find nowhere)"))
     with pytest.raises(InputError, match="Package not found: nowhere"):
@@ -153,7 +188,9 @@ def test_packages_beside_that_of_a_xacro_file_are_found(case: str, tmp_path: Pat
 def test_xacro_is_expanded(tmp_path: Path) -> None:
     folder = tmp_path / "arm_description" / "urdf"
     folder.mkdir(parents=True)
-    (folder.parent / "package.xml").write_text("<package><name>arm_description</name></package>")
+    (folder.parent / "package.xml").write_text(
+        "<package><name>arm_description</name></package>"
+    )
     (folder / "macros.xacro").write_text(MACROS)
     (folder / "arm.urdf.xacro").write_text(ARM)
     robot = ec.load(folder / "arm.urdf.xacro")
@@ -161,22 +198,44 @@ def test_xacro_is_expanded(tmp_path: Path) -> None:
     assert float(robot.bodies[0].inertial[9]) == 2.0
     assert float(robot.bodies[0].inertial[6]) == pytest.approx(0.2)
     (folder / "macros.xacro").unlink()
-    with pytest.raises(ec.InputError, match=r"arm.urdf.xacro: xacro cannot expand it: .*macros.xacro"):
+    with pytest.raises(
+        ec.InputError, match=r"arm.urdf.xacro: xacro cannot expand it: .*macros.xacro"
+    ):
         ec.load(folder / "arm.urdf.xacro")
 
 
-def test_names_of_robot_descriptions_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_of_robot_descriptions_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The package fetches from the network once; here its cache holds the file already."""
-    folder = tmp_path / "mujoco_menagerie-HEAD" / "mujoco_menagerie" / "universal_robots_ur5e"
+    folder = (
+        tmp_path
+        / "mujoco_menagerie-HEAD"
+        / "mujoco_menagerie"
+        / "universal_robots_ur5e"
+    )
     folder.mkdir(parents=True)
     (folder / "ur5e.xml").write_text((EXAMPLES / "two_link.xml").read_text())
-    me = {"GIT_AUTHOR_NAME": "a", "GIT_AUTHOR_EMAIL": "a@b", "GIT_COMMITTER_NAME": "a", "GIT_COMMITTER_EMAIL": "a@b"}
+    me = {
+        "GIT_AUTHOR_NAME": "a",
+        "GIT_AUTHOR_EMAIL": "a@b",
+        "GIT_COMMITTER_NAME": "a",
+        "GIT_COMMITTER_EMAIL": "a@b",
+    }
     for command in ("init -q", "add .", "commit -q -m all"):
-        subprocess.run(["git", *command.split()], cwd=folder.parent, check=True, env={**os.environ, **me})
+        subprocess.run(
+            ["git", *command.split()],
+            cwd=folder.parent,
+            check=True,
+            env={**os.environ, **me},
+        )
     monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", str(tmp_path))
     monkeypatch.setenv("ROBOT_DESCRIPTION_COMMIT", "HEAD")
     assert ec.load("ur5e_mj_description").name == "two_link"
-    with pytest.raises(ec.InputError, match="has no 'pand_description'; did you mean 'panda_description'"):
+    with pytest.raises(
+        ec.InputError,
+        match="has no 'pand_description'; did you mean 'panda_description'",
+    ):
         ec.load("pand_description")
 
 
@@ -186,11 +245,19 @@ def test_what_is_no_robot_is_refused() -> None:
 
 
 def test_a_mechanism_has_a_short_repr() -> None:
-    assert repr(ec.load(EXAMPLES / "panda.yaml")) == "Mechanism(panda: 7 bodies, 7 degrees of freedom)"
+    assert (
+        repr(ec.load(EXAMPLES / "panda.yaml"))
+        == "Mechanism(panda: 7 bodies, 7 degrees of freedom)"
+    )
 
 
 @pytest.mark.parametrize("name", ["double_pendulum.yaml", "so101.urdf"])
 def test_robots_without_loops_load_without_the_room_of_loops(name: str) -> None:
     script = "import sys, echelon; echelon.load(sys.argv[1]); print([m for m in sys.modules if 'echelon.loops' in m])"
-    done = subprocess.run([sys.executable, "-c", script, EXAMPLES / name], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script, EXAMPLES / name],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout.strip() == "[]"

@@ -25,44 +25,84 @@ AXES = dict(zip("xyz", np.eye(3), strict=True))
 
 
 def vector(numbers: str | Sequence[str]) -> np.ndarray:
-    return AXES[numbers] if isinstance(numbers, str) else np.array([float(Fraction(x)) for x in numbers])
+    return (
+        AXES[numbers]
+        if isinstance(numbers, str)
+        else np.array([float(Fraction(x)) for x in numbers])
+    )
 
 
 def mjcf(text: str, digits: int, seed: int, ref: float = 0.0) -> str:
     """A drawn mechanism; a revolute joint closes as two points on its axis.  Hinges stand at an angle there."""
     robot, rng = yaml.load(text, yaml.BaseLoader), np.random.default_rng(seed)
     turns = {
-        b["name"]: q / np.linalg.norm(q) for b in [{"name": "all"}, *robot["bodies"]] for q in [rng.normal(size=4)]
+        b["name"]: q / np.linalg.norm(q)
+        for b in [{"name": "all"}, *robot["bodies"]]
+        for q in [rng.normal(size=4)]
     }
-    whole, at, frames, nested = rotation_of(turns["all"]), {"base": np.zeros(3)}, {"base": np.eye(3)}, {}
+    whole, at, frames, nested = (
+        rotation_of(turns["all"]),
+        {"base": np.zeros(3)},
+        {"base": np.eye(3)},
+        {},
+    )
 
     def shown(numbers: np.ndarray) -> str:
         return " ".join(f"{x:.{digits}g}" for x in numbers)
 
     def body(entry: dict) -> str:
         name, parent, joint = entry["name"], entry["parent"], entry["joint"]
-        frames[name], at[name] = rotation_of(turns[name]), at[parent] + whole @ vector(joint["origin"]["xyz"])
-        apart = np.array([1.0, 0, 0, 0]) if parent == "base" else turns[parent] * (1, -1, -1, -1)
+        frames[name], at[name] = (
+            rotation_of(turns[name]),
+            at[parent] + whole @ vector(joint["origin"]["xyz"]),
+        )
+        apart = (
+            np.array([1.0, 0, 0, 0])
+            if parent == "base"
+            else turns[parent] * (1, -1, -1, -1)
+        )
         w, x, y, z = apart
-        product = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]) @ turns[name]
+        product = (
+            np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+            @ turns[name]
+        )
         place = frames[parent].T @ (at[name] - at[parent])
-        axes = [shown(frames[name].T @ whole @ vector(joint[k])) for k in ("axis", "axis2") if k in joint]
+        axes = [
+            shown(frames[name].T @ whole @ vector(joint[k]))
+            for k in ("axis", "axis2")
+            if k in joint
+        ]
         kind = "slide" if joint["type"] == "prismatic" else "hinge"
         at_ref = f' ref="{ref}"' if ref and kind == "hinge" else ""
-        joints = "".join(f'<joint name="{name}{k}" type="{kind}" axis="{a}"{at_ref}/>' for k, a in enumerate(axes))
+        joints = "".join(
+            f'<joint name="{name}{k}" type="{kind}" axis="{a}"{at_ref}/>'
+            for k, a in enumerate(axes)
+        )
         joints = joints or f'<joint name="{name}" type="ball"/>'
-        inner = "".join(body(other) for other in robot["bodies"] if other["parent"] == name)
+        inner = "".join(
+            body(other) for other in robot["bodies"] if other["parent"] == name
+        )
         return f'<body name="{name}" pos="{shown(place)}" quat="{shown(product)}">{joints}{INERTIA}{inner}</body>'
 
-    bodies = "".join(body(entry) for entry in robot["bodies"] if entry["parent"] == "base")
+    bodies = "".join(
+        body(entry) for entry in robot["bodies"] if entry["parent"] == "base"
+    )
     for loop in robot["loops"]:
         first, second = loop["connects"]
         points = [at[first] + whole @ vector(loop["at"]["xyz"])]
-        points += [points[0] + whole @ vector(loop["axis"]) / 10] if "axis" in loop else []
+        points += (
+            [points[0] + whole @ vector(loop["axis"]) / 10] if "axis" in loop else []
+        )
         anchors = (shown(frames[first].T @ (point - at[first])) for point in points)
-        nested |= {f'<connect body1="{first}" body2="{second}" anchor="{anchor}"/>': None for anchor in anchors}
+        nested |= {
+            f'<connect body1="{first}" body2="{second}" anchor="{anchor}"/>': None
+            for anchor in anchors
+        }
     gravity = shown(whole @ vector(robot["gravity"]))
-    world, equality = f"<worldbody>{bodies}</worldbody>", f"<equality>{''.join(nested)}</equality>"
+    world, equality = (
+        f"<worldbody>{bodies}</worldbody>",
+        f"<equality>{''.join(nested)}</equality>",
+    )
     radians = '<compiler angle="radian"/>'
     return f'<mujoco>{radians}<option gravity="{gravity}"/>{world}{equality}</mujoco>'
 
@@ -81,21 +121,32 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "digits"), slow_unless(lambda case: case == ("Peaucellier", 6), CASES))
-def test_ranks_do_not_depend_on_rounded_frames(name: str, digits: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "digits"), slow_unless(lambda case: case == ("Peaucellier", 6), CASES)
+)
+def test_ranks_do_not_depend_on_rounded_frames(
+    name: str, digits: int, tmp_path: Path
+) -> None:
     file = tmp_path / "robot.xml"
     file.write_text(mjcf(ZOO[name].text, digits, 1), encoding="utf-8")
     mechanism = ec.load(file)
-    assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (ZOO[name].freedom, ZOO[name].rank)
+    assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (
+        ZOO[name].freedom,
+        ZOO[name].rank,
+    )
 
 
 def test_an_axis_in_a_coordinate_plane_has_one_symbol() -> None:
     """The other angle is exact; a symbol of value zero could be a denominator."""
     rod = f'<body name="rod" pos="0.1 0.1 0.4"><freejoint name="rod"/>{INERTIA}</body>'
-    turning = f'<body name="b" pos="0.5 0 0"><joint name="b" axis="1 0.2 0"/>{INERTIA}</body>'
+    turning = (
+        f'<body name="b" pos="0.5 0 0"><joint name="b" axis="1 0.2 0"/>{INERTIA}</body>'
+    )
     loop = '<equality><connect body1="rod" body2="b" anchor="0.3 0 0.1"/></equality>'
     robot = ec.load(f"<mujoco><worldbody>{turning}{rod}</worldbody>{loop}</mujoco>")
-    assert [symbol.value for symbol in robot.symbols.values()] == [pytest.approx(np.arctan(0.2))]
+    assert [symbol.value for symbol in robot.symbols.values()] == [
+        pytest.approx(np.arctan(0.2))
+    ]
 
 
 def found(text: str) -> tuple[int, int]:
@@ -134,7 +185,10 @@ def test_points_of_a_symmetric_platform_may_be_rounded() -> None:
         legs += f"""<frame euler="0 0 {120 * k}"><body name="car{k}" pos="0.2 0 0.3">
           <joint name="car{k}" type="slide" axis="0 0 1"/>{INERTIA}{rods}</body></frame>"""
     platform = f'<body name="platform" pos="0 0 0.1"><freejoint name="platform"/>{INERTIA}{sites}</body>'
-    world, equality = f"<worldbody>{platform}{legs}</worldbody>", f"<equality>{equality}</equality>"
+    world, equality = (
+        f"<worldbody>{platform}{legs}</worldbody>",
+        f"<equality>{equality}</equality>",
+    )
     assert is_told(f"<mujoco>{world}{equality}</mujoco>", 9, 49)
 
 
@@ -208,7 +262,9 @@ loops:
 
 
 @pytest.mark.parametrize(("text", "rank"), [(SPHERICAL, 9), (DOUBLE_CARDAN, 9)])
-def test_angles_of_general_frames_are_not_near_multiples_of_15_degrees_by_intent(text: str, rank: int) -> None:
+def test_angles_of_general_frames_are_not_near_multiples_of_15_degrees_by_intent(
+    text: str, rank: int
+) -> None:
     """The first axes are along gravity, which is a relation, too."""
     assert found(text) == (1, rank)
 
@@ -277,7 +333,9 @@ loops:
 """
 
 
-@pytest.mark.parametrize(("text", "freedom", "rank"), [(TURNTABLE, 2, 7), (FOLDED, 1, 8)])
+@pytest.mark.parametrize(
+    ("text", "freedom", "rank"), [(TURNTABLE, 2, 7), (FOLDED, 1, 8)]
+)
 def test_all_that_is_special_is_told(text: str, freedom: int, rank: int) -> None:
     """With gravity in any direction, and as many digits as there are.
 
@@ -287,8 +345,12 @@ def test_all_that_is_special_is_told(text: str, freedom: int, rank: int) -> None
     assert is_told(text, freedom, rank)
 
 
-@pytest.mark.parametrize(("text", "freedom", "rank"), [(SARRUS, 1, 5), (SPINDLE, 3, 13)])
-def test_what_rounding_blurs_little_is_answered(text: str, freedom: int, rank: int) -> None:
+@pytest.mark.parametrize(
+    ("text", "freedom", "rank"), [(SARRUS, 1, 5), (SPINDLE, 3, 13)]
+)
+def test_what_rounding_blurs_little_is_answered(
+    text: str, freedom: int, rank: int
+) -> None:
     """The legs of a Sarrus linkage, and their halves, are as long; a link between two balls turns about its spindle."""
     assert found(text) == (freedom, rank)
 
@@ -332,40 +394,65 @@ PARALLELOGRAM = """<robot name="bars"><link name="floor"/><link name="crank"/><l
 <joint name="f2" type="fixed"><parent link="rocker"/><child link="two"/><origin xyz="0.1 0.2 0"/></joint></robot>"""
 
 
-def test_loops_in_general_frames_that_are_open_by_rounding_alone(tmp_path: Path) -> None:
+def test_loops_in_general_frames_that_are_open_by_rounding_alone(
+    tmp_path: Path,
+) -> None:
     """Sides of a parallelogram are equal but for the place where it closes."""
     (tmp_path / "bars.urdf").write_text(PARALLELOGRAM)
     file = tmp_path / "loop.yaml"
-    file.write_text("echelon: 1\nrobot: bars.urdf\nloops: [{joint: revolute, connects: [one, two]}]\n")
+    file.write_text(
+        "echelon: 1\nrobot: bars.urdf\nloops: [{joint: revolute, connects: [one, two]}]\n"
+    )
     assert ec.base_structure(ec.load(file)).rank == 3
 
 
 def tilted_delta() -> str:
     """Rods between a cross and a ball, in six decimals."""
-    whole, loops, at = rotation_of(np.array([0.8, 0.2, 0.4, 0.4])), "", {"base": np.zeros(3)}
+    whole, loops, at = (
+        rotation_of(np.array([0.8, 0.2, 0.4, 0.4])),
+        "",
+        {"base": np.zeros(3)},
+    )
     text = "echelon: 1\nbodies:\n"
 
     def shown(numbers: np.ndarray) -> str:
         return f"[{', '.join(f'{x:.6f}' for x in numbers)}]"
 
     def body(name: str, parent: str, place: np.ndarray, axis: np.ndarray | None) -> str:
-        at[name], along = place, "type: spherical" if axis is None else f"type: revolute, axis: {shown(axis)}"
-        origin, light = shown(place - at[parent]), ", massless: true" * name.startswith("cross")
+        at[name], along = (
+            place,
+            "type: spherical"
+            if axis is None
+            else f"type: revolute, axis: {shown(axis)}",
+        )
+        origin, light = (
+            shown(place - at[parent]),
+            ", massless: true" * name.startswith("cross"),
+        )
         return f"  - {{name: {name}, parent: {parent}, joint: {{{along}, origin: {{xyz: {origin}}}}}{light}}}\n"
 
     for k, angle in enumerate(2 * np.pi * np.arange(3) / 3):
         out, along, up = (
-            whole @ v for v in ((np.cos(angle), np.sin(angle), 0), (-np.sin(angle), np.cos(angle), 0), AXES["z"])
+            whole @ v
+            for v in (
+                (np.cos(angle), np.sin(angle), 0),
+                (-np.sin(angle), np.cos(angle), 0),
+                AXES["z"],
+            )
         )
         text += body(f"arm{k}", "base", 0.2 * out, along)
         for name, side in ((f"{k}a", 0.05 * along), (f"{k}b", -0.05 * along)):
             low, high = 0.45 * out - 0.1 * up + side, 0.1 * out - 0.6 * up + side
             across = np.cross(along, high - low)
             text += body(f"cross{name}", f"arm{k}", low, along)
-            text += body(f"rod{name}", f"cross{name}", low, across / np.linalg.norm(across))
+            text += body(
+                f"rod{name}", f"cross{name}", low, across / np.linalg.norm(across)
+            )
             if "top" in at:
                 frames = f"at: {{xyz: {shown(high - low)}}}, on_second: {{xyz: {shown(high - at['top'])}}}"
-                loops += f"  - {{joint: spherical, connects: [rod{name}, top], {frames}}}\n"
+                loops += (
+                    f"  - {{joint: spherical, connects: [rod{name}, top], {frames}}}\n"
+                )
             else:
                 text += body("top", f"rod{name}", high, None)
     return f"{text}loops:\n{loops}"
@@ -399,7 +486,9 @@ def test_parallel_rods_of_a_tilted_delta() -> None:
 
 @pytest.mark.slow
 def test_rounded_loops_that_are_open_at_zero_are_read_again() -> None:
-    turned = CARDAN.replace("[0.7, 0.12, 0.05]}", "[0.7, 0.12, 0.05], rpy: [0.400037, 0, 0]}")
+    turned = CARDAN.replace(
+        "[0.7, 0.12, 0.05]}", "[0.7, 0.12, 0.05], rpy: [0.400037, 0, 0]}"
+    )
     base = ec.base_parameters(ec.load(turned))
     assert (base.rank, ec.verify(from_json(to_json(base))).rank) == (6, 6)
 
@@ -428,7 +517,9 @@ def test_shafts_in_line_turn_together(turned: str) -> None:
 
 @pytest.mark.filterwarnings("ignore::echelon.AssemblyWarning")
 @pytest.mark.parametrize("aside", [0, 2e-4])
-def test_shafts_in_line_are_refused_if_their_joint_is_off_by_more_than_digits_explain(aside: float) -> None:
+def test_shafts_in_line_are_refused_if_their_joint_is_off_by_more_than_digits_explain(
+    aside: float,
+) -> None:
     with pytest.raises(ec.InputError, match=r"closure 'loop1' is off by 0\.0001"):
         in_line("0", 1e-4, aside)
 
@@ -460,7 +551,10 @@ loops:
 
 def test_a_rank_that_fades_below_rounding_raises_a_doubt() -> None:
     """Shafts at equal angles to the one between them have 12 base parameters."""
-    with pytest.raises(ec.DoubtWarning, match=r"12.* base parameters: the file's last decimals do not tell"):
+    with pytest.raises(
+        ec.DoubtWarning,
+        match=r"12.* base parameters: the file's last decimals do not tell",
+    ):
         found(BENT_SHAFTS)
 
 
@@ -468,13 +562,34 @@ def slider(heights: Sequence[str]) -> str:
     """A vertical hinge that a slide between two balls turns; the balls are level if the second height is a sum."""
     one, two, hinge = heights
     inertial = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-    links = "".join(f'<link name="{name}">{inertial}</link>' for name in ("hip", "leg", "rod", "arm", "motor", "nut"))
+    links = "".join(
+        f'<link name="{name}">{inertial}</link>'
+        for name in ("hip", "leg", "rod", "arm", "motor", "nut")
+    )
     joints = (
         ("leg", "revolute", "hip", f"-0.0125 -0.205 {hinge}", "0 0 3.141592653589793"),
-        ("rod", "revolute", "leg", f"0 0.044041666666666673 {one}", "1.5707963267948966 0 1.5707963267948966"),
+        (
+            "rod",
+            "revolute",
+            "leg",
+            f"0 0.044041666666666673 {one}",
+            "1.5707963267948966 0 1.5707963267948966",
+        ),
         ("arm", "revolute", "hip", "0.119625 -0.24904166666666669 0", "0 0 0"),
-        ("motor", "revolute", "arm", f"0 0 {two}", "1.5707963267948966 0 1.5707963267948966"),
-        ("nut", "prismatic", "motor", "0 0 -0.062916666666666649", "0 0 -1.5707963267948966"),
+        (
+            "motor",
+            "revolute",
+            "arm",
+            f"0 0 {two}",
+            "1.5707963267948966 0 1.5707963267948966",
+        ),
+        (
+            "nut",
+            "prismatic",
+            "motor",
+            "0 0 -0.062916666666666649",
+            "0 0 -1.5707963267948966",
+        ),
         (
             "on_rod",
             "fixed",
@@ -482,7 +597,13 @@ def slider(heights: Sequence[str]) -> str:
             "0 -1.3877787807814457e-17 -0.025000000000000074246",
             "3.141592653589793 0 -1.5707963267948966",
         ),
-        ("on_nut", "fixed", "nut", "-6.9388939039072284e-18 0 -0.025000000000000077716", "0 0 0"),
+        (
+            "on_nut",
+            "fixed",
+            "nut",
+            "-6.9388939039072284e-18 0 -0.025000000000000077716",
+            "0 0 0",
+        ),
     )
     text = "".join(
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}"/><axis xyz="0 0 1"/>'
@@ -495,11 +616,17 @@ def slider(heights: Sequence[str]) -> str:
 @pytest.mark.parametrize(
     "heights",
     [
-        ("-0.053479166666666744234", "-0.058479166666666637653", "-0.0049999999999998934186"),
+        (
+            "-0.053479166666666744234",
+            "-0.058479166666666637653",
+            "-0.0049999999999998934186",
+        ),
         ("-0.0534791666667", "-0.0584791666667", "-0.005"),
     ],
 )
-def test_sums_of_lengths_agree_beyond_the_digits_of_doubles(heights: Sequence[str], tmp_path: Path) -> None:
+def test_sums_of_lengths_agree_beyond_the_digits_of_doubles(
+    heights: Sequence[str], tmp_path: Path
+) -> None:
     (tmp_path / "robot.urdf").write_text(slider(heights))
     (tmp_path / "robot.yaml").write_text(
         "closed_loop: [[on_nut, on_rod]]\ntype: [6d]\njoint_name: [rod, motor]\njoint_type: [SPHERICAL, SPHERICAL]\n"
@@ -516,13 +643,19 @@ def trammel(decimals: int, second_slide: bool) -> str:
     def shown(point: complex) -> str:
         return f"{point.real:.{decimals}f} {point.imag:.{decimals}f} 0"
 
-    sites = "".join(f'<site name="{name}1" pos="{shown(ends[name] - ends["rod"])}"/>' for name in ("along", "up"))
+    sites = "".join(
+        f'<site name="{name}1" pos="{shown(ends[name] - ends["rod"])}"/>'
+        for name in ("along", "up")
+    )
     slides = "".join(
         f'<body name="{name}" pos="{shown(ends[name])}"><joint name="{name}" type="slide" axis="{axis}"/>'
         f'{INERTIA}<site name="{name}2"/></body>'
         for name, axis in (("along", "1 0 0"), ("up", "0 1 0"))[: 1 + second_slide]
     )
-    held = "".join(f'<connect site1="{name}1" site2="{name}2"/>' for name in ("along", "up")[: 1 + second_slide])
+    held = "".join(
+        f'<connect site1="{name}1" site2="{name}2"/>'
+        for name in ("along", "up")[: 1 + second_slide]
+    )
     return (
         f'<mujoco><option gravity="0.3 -9.1 1.2"/><worldbody><body name="crank"><joint name="crank"/>{INERTIA}'
         f'<body name="rod" pos="{shown(ends["rod"])}"><joint name="rod"/>{INERTIA}{sites}</body></body>'
@@ -535,7 +668,9 @@ TRAMMEL_CRANK, TRAMMEL_ANGLE = 0.213, 0.65
 
 @pytest.mark.parametrize("second_slide", [False, True])
 @pytest.mark.parametrize("decimals", [3, 4, 6, 8])
-def test_what_shows_little_is_not_taken_for_rounding_in_silence(decimals: int, second_slide: bool) -> None:
+def test_what_shows_little_is_not_taken_for_rounding_in_silence(
+    decimals: int, second_slide: bool
+) -> None:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", ec.DoubtWarning)
         rank = ec.base_structure(ec.load(trammel(decimals, second_slide))).rank
@@ -568,7 +703,9 @@ def test_numbers_of_as_many_significant_digits_are_as_fine_as_the_largest() -> N
 
 def test_coefficients_have_digits_in_their_own_units() -> None:
     """That of a mass is a length, which is small on a small robot."""
-    small = re.sub(r"\d\.\d{4,}", lambda number: f"{float(number[0]) / 100:.6g}", SIX_DIGITS)
+    small = re.sub(
+        r"\d\.\d{4,}", lambda number: f"{float(number[0]) / 100:.6g}", SIX_DIGITS
+    )
     base = ec.base_parameters(ec.load(small), budget=0)
     lengths = base.B_float()[1:, base.matrix.parameters.index("M2")]
     np.testing.assert_allclose(lengths, [0.0138159, 0.00584128], rtol=1e-3)

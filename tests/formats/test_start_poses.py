@@ -51,14 +51,19 @@ def ranges(*ends: tuple[float, float]) -> ResolvedLimits:
         for k in range(len(ends))
         if np.isfinite(ends[k]).any()
     ]
-    speeds = [MotionLimit(f"q{k + 1}", "rad/s", 1, np.eye(len(ends))[k], -1, 1) for k in range(len(ends))]
+    speeds = [
+        MotionLimit(f"q{k + 1}", "rad/s", 1, np.eye(len(ends))[k], -1, 1)
+        for k in range(len(ends))
+    ]
     return ResolvedLimits((*motion, *speeds), (), low, high, ("rad",) * len(ends), ())
 
 
 ALL = ranges((-math.pi, math.pi), (-math.pi, math.pi))
 
 
-def tip(axis: tuple[float, float, float], low: float, high: float, name: str) -> PointLimit:
+def tip(
+    axis: tuple[float, float, float], low: float, high: float, name: str
+) -> PointLimit:
     return PointLimit(name, "link2", (1.0, 0.0, 0.0), axis, low, high)
 
 
@@ -66,12 +71,17 @@ def places(*limits: PointLimit) -> list[StateConstraint]:
     return [point_limits(PLANAR, limits)]
 
 
-def weights(mechanism: Mechanism, *limits: float, arm: float = 0.5) -> list[StateConstraint]:
+def weights(
+    mechanism: Mechanism, *limits: float, arm: float = 0.5
+) -> list[StateConstraint]:
     """Holding torques of links of 10 kg whose centres are ahead of their joints."""
     standard = np.zeros(len(mechanism.parameters))
     for k, name in enumerate(mechanism.parameters):
         standard[k] = {"M": 10.0, "MX": 10.0 * arm}.get(name.rstrip("0123456789"), 0.0)
-    named = [EffortLimit(name, "N·m", limit) for name, limit in zip(mechanism.velocities, limits, strict=True)]
+    named = [
+        EffortLimit(name, "N·m", limit)
+        for name, limit in zip(mechanism.velocities, limits, strict=True)
+    ]
     return [effort_limits(mechanism, named, EffortModel(standard), 0.0, None)]
 
 
@@ -86,7 +96,9 @@ def tip_of(pose: Floats) -> tuple[float, float]:
 def test_the_middle_if_it_will_do() -> None:
     limits = ranges((-1.0, 3.0), (0.2, 0.8))
     np.testing.assert_allclose(start_pose(FREE, limits, [], 0), [1.0, 0.5])
-    np.testing.assert_allclose(start_pose(FREE, limits, places(tip(Z, -9, 9, "z")), 0), [1.0, 0.5])
+    np.testing.assert_allclose(
+        start_pose(FREE, limits, places(tip(Z, -9, 9, "z")), 0), [1.0, 0.5]
+    )
 
 
 def test_without_limits_where_zero_is_nearest() -> None:
@@ -96,7 +108,9 @@ def test_without_limits_where_zero_is_nearest() -> None:
 
 def test_the_stated_pose() -> None:
     stated = np.array([0.3, np.nan])
-    np.testing.assert_allclose(start_pose(stated, ranges((-1, 1), (0, 2)), [], 0), [0.3, 1.0])
+    np.testing.assert_allclose(
+        start_pose(stated, ranges((-1, 1), (0, 2)), [], 0), [0.3, 1.0]
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -135,7 +149,10 @@ def test_weights_that_can_be_held_in_few_poses() -> None:
 
 
 def test_how_far_limits_are_broken() -> None:
-    constraints = [*places(tip(X, -1, 1, "x"), tip(Z, -np.inf, 0.5, "z")), *weights(PLANAR, 1000.0, 40.0)]
+    constraints = [
+        *places(tip(X, -1, 1, "x"), tip(Z, -np.inf, 0.5, "z")),
+        *weights(PLANAR, 1000.0, 40.0),
+    ]
     poses = np.array([[0.0, 0.0], [math.pi / 2, 0.0], [math.pi / 2, math.pi / 2]])
     expected = [[1, 0, 0, 9.05], [0, 1.5, 0, 0], [0, 0.5, 0, 9.05]]
     np.testing.assert_allclose(broken(poses, constraints), expected, atol=1e-9)
@@ -147,7 +164,10 @@ def test_how_far_limits_are_broken() -> None:
 
 def test_a_box_out_of_reach() -> None:
     constraints = places(tip(X, -3, 3, "x of tip"), tip(Z, 2.5, 4.0, "z of tip"))
-    with pytest.raises(InputError, match=r"none of 512 poses .* keeps the limits of z of tip .by 0.5 m at least") as caught:
+    with pytest.raises(
+        InputError,
+        match=r"none of 512 poses .* keeps the limits of z of tip .by 0.5 m at least",
+    ) as caught:
         start_pose(FREE, ALL, constraints, 0)
     assert caught.value.element == "limits"
 
@@ -155,21 +175,35 @@ def test_a_box_out_of_reach() -> None:
 def test_boxes_that_exclude_each_other() -> None:
     """The tip cannot be above and its own link below; each could by itself."""
     elbow = PointLimit("z of elbow", "link2", (0.0, 0.0, 0.0), Z, -1, -0.5)
-    constraints = places(tip(Z, 1.0, 2.0, "z of tip"), elbow, tip(X, -2.5, 2.5, "x of tip"))
-    with pytest.raises(InputError, match=r"keeps the limits of z of tip and of z of elbow together"):
+    constraints = places(
+        tip(Z, 1.0, 2.0, "z of tip"), elbow, tip(X, -2.5, 2.5, "x of tip")
+    )
+    with pytest.raises(
+        InputError, match=r"keeps the limits of z of tip and of z of elbow together"
+    ):
         start_pose(FREE, ALL, constraints, 0)
 
 
 def test_weights_that_cannot_be_held_anywhere() -> None:
     """A slide that points up carries its weight at every pose."""
-    lift = tree("lift", body(1, 0, "prismatic", translation("q1")), values={"g": "9.81"})
+    lift = tree(
+        "lift", body(1, 0, "prismatic", translation("q1")), values={"g": "9.81"}
+    )
     limits = [EffortLimit("q1", "N", 90.0)]
     standard = np.where([name == "M1" for name in lift.parameters], 10.0, 0.0)
     constraints = [effort_limits(lift, limits, EffortModel(standard), 0.0, None)]
-    with pytest.raises(InputError, match=r"keeps the limits of force of q1 .by 8.1 N at least"):
+    with pytest.raises(
+        InputError, match=r"keeps the limits of force of q1 .by 8.1 N at least"
+    ):
         start_pose(np.array([np.nan]), ranges((0, 1)), constraints, 0)
-    enough = [effort_limits(lift, [EffortLimit("q1", "N", 99.0)], EffortModel(standard), 0.0, None)]
-    np.testing.assert_allclose(start_pose(np.array([np.nan]), ranges((0, 1)), enough, 0), [0.5])
+    enough = [
+        effort_limits(
+            lift, [EffortLimit("q1", "N", 99.0)], EffortModel(standard), 0.0, None
+        )
+    ]
+    np.testing.assert_allclose(
+        start_pose(np.array([np.nan]), ranges((0, 1)), enough, 0), [0.5]
+    )
 
 
 def test_three_limits_of_which_any_two_can_be_kept() -> None:
@@ -180,19 +214,25 @@ def test_three_limits_of_which_any_two_can_be_kept() -> None:
         tip(Z, 0.6, 9, "up"),
         tip(third, -0.6, 9, "below the slope"),  # type: ignore[arg-type]
     )
-    with pytest.raises(InputError, match="keeps all limits together: right, up, below the slope"):
+    with pytest.raises(
+        InputError, match="keeps all limits together: right, up, below the slope"
+    ):
         start_pose(FREE, ALL, constraints, 0)
 
 
 def test_a_stated_pose_that_breaks_limits() -> None:
     constraints = places(tip(X, -1, 1, "x of tip"), tip(Z, -1, 1, "z of tip"))
-    with pytest.raises(InputError, match=r"pose at which motions start breaks the limits of x of tip$") as caught:
+    with pytest.raises(
+        InputError, match=r"pose at which motions start breaks the limits of x of tip$"
+    ) as caught:
         start_pose(np.array([0.0, 0.0]), ALL, constraints, 0)
     assert caught.value.element == "centre"
 
 
 def test_a_stated_pose_outside_of_the_ranges() -> None:
-    with pytest.raises(InputError, match="the centre of 'q2' is outside of its position limits"):
+    with pytest.raises(
+        InputError, match="the centre of 'q2' is outside of its position limits"
+    ):
         start_pose(np.array([0.0, 4.0]), ALL, [], 0)
     partly = ranges((-np.inf, np.inf), (-1, 1), (-1, 1))
     with pytest.raises(InputError, match="the centre of 'q2' is outside"):

@@ -30,18 +30,42 @@ def sdf(pose: str) -> str:
 
 
 ASKED = {
-    "a right angle": (table("d: 0.4", "alpha: 90, a: 0.3"), r"modified_dh\[1\].alpha: 90\): degrees\? write pi/2"),
-    "an odd angle": (table("d: 0.4", "alpha: -26.565"), r"degrees\? write -0.463646716 for -26.565"),
-    "a symbol": (table("a: 1", "alpha: x", symbols="{x: 30}"), r"symbols.x: 30\): degrees\? write pi/6"),
-    "three quarters": (urdf("0 0 270"), r"joint 'k' origin yaw: 270\): degrees\? write 3\*pi/2"),
-    "several": (urdf("15 90 45"), r"yaw: 45; .*pitch: 90; .*roll: 15\): degrees\? write pi/4 \(0.785398163\)"),
-    "a pose": (sdf("0 0 0 0 0 -60"), r"link 'a' pose yaw: -60\): degrees\? write -pi/3"),
+    "a right angle": (
+        table("d: 0.4", "alpha: 90, a: 0.3"),
+        r"modified_dh\[1\].alpha: 90\): degrees\? write pi/2",
+    ),
+    "an odd angle": (
+        table("d: 0.4", "alpha: -26.565"),
+        r"degrees\? write -0.463646716 for -26.565",
+    ),
+    "a symbol": (
+        table("a: 1", "alpha: x", symbols="{x: 30}"),
+        r"symbols.x: 30\): degrees\? write pi/6",
+    ),
+    "three quarters": (
+        urdf("0 0 270"),
+        r"joint 'k' origin yaw: 270\): degrees\? write 3\*pi/2",
+    ),
+    "several": (
+        urdf("15 90 45"),
+        r"yaw: 45; .*pitch: 90; .*roll: 15\): degrees\? write pi/4 \(0.785398163\)",
+    ),
+    "a pose": (
+        sdf("0 0 0 0 0 -60"),
+        r"link 'a' pose yaw: -60\): degrees\? write -pi/3",
+    ),
     "millimetres": (
         table("d: 400", "a: 25", "a: 455"),
         r"joint 'j3' .* 455 m: millimetres\? write 0.455",
     ),
-    "millimetres in a symbol": (table("d: 1", "a: l", symbols="{l: 120}"), r"offset of 120 m: millimetres\?"),
-    "millimetres of a link": (urdf("0 0 0", "0 0 -320"), r"joint 'k' has an offset of 320 m"),
+    "millimetres in a symbol": (
+        table("d: 1", "a: l", symbols="{l: 120}"),
+        r"offset of 120 m: millimetres\?",
+    ),
+    "millimetres of a link": (
+        urdf("0 0 0", "0 0 -320"),
+        r"joint 'k' has an offset of 320 m",
+    ),
 }
 
 

@@ -22,7 +22,9 @@ def link(name: str, content: str = "") -> str:
     return f"<link name='{name}'>{content}</link>"
 
 
-def joint(name: str, parent: str, child: str, content: str = "", kind: str = "revolute") -> str:
+def joint(
+    name: str, parent: str, child: str, content: str = "", kind: str = "revolute"
+) -> str:
     return f"<joint name='{name}' type='{kind}'><parent link='{parent}'/><child link='{child}'/>{content}</joint>"
 
 
@@ -63,9 +65,19 @@ def placement(mechanism: ec.Mechanism, body: int) -> Placement:
 
 def test_numbers_stay_exact_and_equal_magnitudes_share_a_symbol(read) -> None:  # type: ignore[no-untyped-def]
     mechanism = read(arm(origin("0.333 -0.333 1e-1")))
-    assert [str(x) for x in placement(mechanism, 1).translation] == ["px2", "-px2", "pz2"]
-    assert (mechanism.symbols["px2"].exact, mechanism.symbols["pz2"].exact) == ("0.333", "0.1")
-    assert [s.meaning for s in mechanism.symbols.values()] == ["joint 'j2' x", "joint 'j2' z"]
+    assert [str(x) for x in placement(mechanism, 1).translation] == [
+        "px2",
+        "-px2",
+        "pz2",
+    ]
+    assert (mechanism.symbols["px2"].exact, mechanism.symbols["pz2"].exact) == (
+        "0.333",
+        "0.1",
+    )
+    assert [s.meaning for s in mechanism.symbols.values()] == [
+        "joint 'j2' x",
+        "joint 'j2' z",
+    ]
     numeric = read(arm(origin("0.333 -0.333 1e-1")), symbolic=False)
     assert [x.number for x in placement(numeric, 1).translation] == [
         Fraction(333, 1000), Fraction(-333, 1000), Fraction(1, 10),
@@ -86,14 +98,28 @@ def test_snapping_can_be_switched_off(read) -> None:  # type: ignore[no-untyped-
     assert mechanism.reading.snaps == ()
     assert set(mechanism.symbols) == {"px2", "py2", "roll2"}
     snapped = read(arm(origin("1 1e-9 0", "1.5708 0 0")))
-    assert {snap.element for snap in snapped.reading.snaps} == {"joint 'j2' origin roll", "joint 'j2' y"}
-    assert set(snapped.reading.literal().symbols) == {"px2", "roll2"}  # 1e-9 of the size is rounding, 1.5708 is not
+    assert {snap.element for snap in snapped.reading.snaps} == {
+        "joint 'j2' origin roll",
+        "joint 'j2' y",
+    }
+    assert set(snapped.reading.literal().symbols) == {
+        "px2",
+        "roll2",
+    }  # 1e-9 of the size is rounding, 1.5708 is not
 
 
 @pytest.mark.parametrize(
-    ("axis", "expected"), [("0 0 2", (2, 1)), ("0 -0.5 0", (1, -1)), ("1 1e-8 0", (0, 1)), ("0 -1 4e-8", (1, -1))]
+    ("axis", "expected"),
+    [
+        ("0 0 2", (2, 1)),
+        ("0 -0.5 0", (1, -1)),
+        ("1 1e-8 0", (0, 1)),
+        ("0 -1 4e-8", (1, -1)),
+    ],
 )
-def test_axis_is_normalised_and_snapped(read, axis: str, expected: tuple[int, int]) -> None:  # type: ignore[no-untyped-def]
+def test_axis_is_normalised_and_snapped(
+    read, axis: str, expected: tuple[int, int]
+) -> None:  # type: ignore[no-untyped-def]
     (motion,) = read(arm(f"<axis xyz='{axis}'/>")).bodies[1].joint.motions
     assert (motion.axis, motion.sign) == expected
 
@@ -109,7 +135,10 @@ def test_default_axis_is_x(read) -> None:  # type: ignore[no-untyped-def]
     assert (motion.axis, motion.sign) == (0, 1)
 
 
-@pytest.mark.parametrize(("kind", "count"), [("continuous", 1), ("prismatic", 1), ("planar", 3), ("floating", 6)])
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [("continuous", 1), ("prismatic", 1), ("planar", 3), ("floating", 6)],
+)
 def test_joint_types(read, kind: str, count: int) -> None:  # type: ignore[no-untyped-def]
     mechanism = read(arm(kind=kind))
     assert mechanism.degrees_of_freedom == 1 + count
@@ -128,7 +157,18 @@ def test_fixed_links_are_lumped_or_kept(read) -> None:  # type: ignore[no-untype
     # b sits at Rz(90°)·(0, 1, 0) + (0, 0, 1)
     assert [str(x) for x in placement(lumped, 1).translation] == ["-px2", "0", "px2"]
     # the tool's x axis is a's y axis; both have mass 2 and Ixx 1, Iyy 2, Izz 3 about centres 0.1 along their x
-    expected = [1 + 2 + 2 * 1 + 2 * 0.01, 0, 0, 2 + 0.02 + 1 + 2, -2 * 0.1, 3 + 0.02 + 3 + 0.02, 0.2, 0.2, 2, 4]
+    expected = [
+        1 + 2 + 2 * 1 + 2 * 0.01,
+        0,
+        0,
+        2 + 0.02 + 1 + 2,
+        -2 * 0.1,
+        3 + 0.02 + 3 + 0.02,
+        0.2,
+        0.2,
+        2,
+        4,
+    ]
     np.testing.assert_allclose(lumped.bodies[0].inertial, expected, atol=1e-9)
     assert lumped.bodies[1].inertial is None
     kept = read(text, keep_fixed_links=True)
@@ -139,9 +179,12 @@ def test_fixed_links_are_lumped_or_kept(read) -> None:  # type: ignore[no-untype
 def test_inertia_turns_with_its_frame(read) -> None:  # type: ignore[no-untyped-def]
     """Centre of mass (0.1, 0.2, 0), mass 2, and the principal axes 1, 2, 3 turned by roll 90°, then yaw 90°."""
     frame = INERTIAL.replace(
-        "xyz='0.1 0 0' rpy='0 0 0'", "xyz='0.1 0.2 0' rpy='1.5707963267948966 0 1.5707963267948966'"
+        "xyz='0.1 0 0' rpy='0 0 0'",
+        "xyz='0.1 0.2 0' rpy='1.5707963267948966 0 1.5707963267948966'",
     )
-    (body,) = read(robot(link("base"), link("a", frame), joint("j", "base", "a"))).bodies
+    (body,) = read(
+        robot(link("base"), link("a", frame), joint("j", "base", "a"))
+    ).bodies
     # x of the inertial frame is y of the link, y is z, z is x
     central, moment, mass = (3, 0, 0, 1, 0, 2), (0.2, 0.4, 0), 2
     steiner = (2 * 0.04, -2 * 0.02, 0, 2 * 0.01, 0, 2 * 0.05)
@@ -150,14 +193,29 @@ def test_inertia_turns_with_its_frame(read) -> None:  # type: ignore[no-untyped-
 
 
 @pytest.mark.parametrize(
-    ("axis", "slides", "sign"), [("0 0 1", "xy", 1), ("1 0 0", "yz", 1), ("0 1 0", "zx", 1), ("0 0 -2", "xy", -1)]
+    ("axis", "slides", "sign"),
+    [("0 0 1", "xy", 1), ("1 0 0", "yz", 1), ("0 1 0", "zx", 1), ("0 0 -2", "xy", -1)],
 )
-def test_planar_joint_slides_across_its_axis_and_turns_about_it(read, axis: str, slides: str, sign: int) -> None:  # type: ignore[no-untyped-def]
+def test_planar_joint_slides_across_its_axis_and_turns_about_it(
+    read, axis: str, slides: str, sign: int
+) -> None:  # type: ignore[no-untyped-def]
     joint = read(arm(f"<axis xyz='{axis}'/>", "planar")).bodies[1].joint
-    assert [m.kind for m in joint.motions] == [MotionKind.TRANSLATION, MotionKind.TRANSLATION, MotionKind.ROTATION]
-    assert [m.name for m in joint.motions] == [f"j2.{slides[0]}", f"j2.{slides[1]}", "j2.angle"]
+    assert [m.kind for m in joint.motions] == [
+        MotionKind.TRANSLATION,
+        MotionKind.TRANSLATION,
+        MotionKind.ROTATION,
+    ]
+    assert [m.name for m in joint.motions] == [
+        f"j2.{slides[0]}",
+        f"j2.{slides[1]}",
+        "j2.angle",
+    ]
     normal = 3 - sum("xyz".index(c) for c in slides)
-    mounting = joint.steps[0].rotation if isinstance(joint.steps[0], Placement) else Placement().rotation
+    mounting = (
+        joint.steps[0].rotation
+        if isinstance(joint.steps[0], Placement)
+        else Placement().rotation
+    )
     assert joint.motions[2].axis == normal
     assert mounting[normal][normal].number == sign
 
@@ -166,7 +224,9 @@ def test_axis_in_a_general_direction_keeps_its_value(read) -> None:  # type: ign
     mechanism = read(arm("<axis xyz='1 2 -2'/>"), snap_tolerance=0)
     values = {name: symbol.value for name, symbol in mechanism.symbols.items()}
     column = [placement(mechanism, 1).rotation[row][2] for row in range(3)]
-    found = [x.evaluate(float_generators(x.generators(), values), float) for x in column]
+    found = [
+        x.evaluate(float_generators(x.generators(), values), float) for x in column
+    ]
     np.testing.assert_allclose(found, np.array([1, 2, -2]) / 3, rtol=1e-15)
 
 
@@ -179,7 +239,14 @@ def test_other_encodings_of_xml(read, encoding: str) -> None:  # type: ignore[no
 def test_floating_base(read) -> None:  # type: ignore[no-untyped-def]
     mechanism = read(arm(), floating=True)
     assert [b.label for b in mechanism.bodies] == ["0", "1", "2"]
-    assert mechanism.velocities[:6] == ("base.tx", "base.ty", "base.tz", "base.r.x", "base.r.y", "base.r.z")
+    assert mechanism.velocities[:6] == (
+        "base.tx",
+        "base.ty",
+        "base.tz",
+        "base.r.x",
+        "base.r.y",
+        "base.r.z",
+    )
     assert mechanism.bodies[0].joint.motions[3].kind is MotionKind.BALL
     assert ec.base_structure(mechanism).rank == 24
 
@@ -192,11 +259,16 @@ def test_mimics_follow_their_leader(read) -> None:  # type: ignore[no-untyped-de
     )  # fmt: skip
     mechanism = read(text)
     assert mechanism.velocities == ("p",)
-    assert {c.coordinate: [(n, str(r)) for n, r in c.terms] for c in mechanism.couplings} == {
+    assert {
+        c.coordinate: [(n, str(r)) for n, r in c.terms] for c in mechanism.couplings
+    } == {
         "q": [("p", "-2")],
         "r": [("p", "-1")],
     }
-    assert {s.name: s.exact for s in mechanism.symbols.values()} == {"offset2": "0.5", "offset3": "0.25"}
+    assert {s.name: s.exact for s in mechanism.symbols.values()} == {
+        "offset2": "0.5",
+        "offset3": "0.25",
+    }
     assert read(text, independent_mimics=True).velocities == ("p", "q", "r")
 
 
@@ -218,7 +290,12 @@ def test_massless_link(read) -> None:  # type: ignore[no-untyped-def]
 
 @pytest.mark.parametrize(
     ("gravity", "expected"),
-    [("file", "[0, 0, -981/100]"), ("generic", "[gx, gy, gz]"), (("0", "-g", 0), "[0, -g, 0]"), ("1,2,3", "[1, 2, 3]")],
+    [
+        ("file", "[0, 0, -981/100]"),
+        ("generic", "[gx, gy, gz]"),
+        (("0", "-g", 0), "[0, -g, 0]"),
+        ("1,2,3", "[1, 2, 3]"),
+    ],
 )
 def test_gravity(read, gravity: object, expected: str) -> None:  # type: ignore[no-untyped-def]
     assert str(list(read(arm(), gravity=gravity).gravity)) == expected
@@ -230,7 +307,13 @@ def test_no_gravity(read, gravity: object) -> None:  # type: ignore[no-untyped-d
 
 
 def test_order_of_elements_does_not_matter(read) -> None:  # type: ignore[no-untyped-def]
-    parts = [link("base"), link("a"), link("b"), joint("j1", "base", "a"), joint("j2", "a", "b", origin("0 1 0"))]
+    parts = [
+        link("base"),
+        link("a"),
+        link("b"),
+        joint("j1", "base", "a"),
+        joint("j2", "a", "b", origin("0 1 0")),
+    ]
     assert read(robot(*parts)).bodies == read(robot(*reversed(parts))).bodies
 
 
@@ -309,7 +392,9 @@ def test_refusals(read, case: str) -> None:  # type: ignore[no-untyped-def]
 def test_missing_file_and_directory(tmp_path: Path) -> None:
     with pytest.raises(ec.InputError, match="no such file"):
         ec.load(tmp_path / "none.urdf")
-    with pytest.raises(ec.InputError, match=f"{tmp_path.name}: cannot be read: Is a directory"):
+    with pytest.raises(
+        ec.InputError, match=f"{tmp_path.name}: cannot be read: Is a directory"
+    ):
         ec.load(tmp_path)
     (tmp_path / "robot.stl").write_text("solid")
     with pytest.raises(ec.InputError, match="unknown format"):

@@ -25,20 +25,74 @@ SDF = """<sdf version='1.9'><model name='arm'><link name='base'/>
 def notes(text: str, **options: object) -> tuple[str, ...]:
     reading = ec.load(text, **options).reading  # type: ignore[arg-type]
     assert reading is not None
-    return tuple(note for note in reading.notes if note.startswith(("not read", "ignored, as asked")))
+    return tuple(
+        note
+        for note in reading.notes
+        if note.startswith(("not read", "ignored, as asked"))
+    )
 
 
 REFUSED = {
-    "a link": (ARM, "<inertial>", "<inertail/><inertial>", r"link 'arm': <inertail> .* did you mean 'inertial'"),
-    "mass in a link": (ARM, "<inertial>", "<mass value='1'/><inertial>", "link 'arm': <mass> is not read"),
-    "a joint": (ARM, "<axis", "<pitch value='1'/><axis", "joint 'j': <pitch> is not read.*<parent>, <child>"),
-    "a joint's attribute": (ARM, "type='revolute'", "type='revolute' axis2='x'", "joint 'j': the attribute 'axis2'"),
-    "an origin": (ARM, "<origin xyz='0 0 1'/>", "<origin quat='1 0 0 0'/>", "joint 'j' origin: the attribute 'quat'"),
-    "an inertial's origin": (ARM, "<origin xyz='0.1", "<origin quat='1 0 0 0' xyz='0.1", "link 'arm' inertial origin"),
-    "an axis": (ARM, "<axis", "<axis expressed_in='base'", "joint 'j' axis: the attribute 'expressed_in'"),
-    "a mass": (ARM, "value='1'", "value='1' scale='2'", "link 'arm' inertial mass: the attribute 'scale'"),
-    "a robot": (ARM, "<link name='base'/>", "<spring/><link name='base'/>", "robot 'arm': <spring> is not read"),
-    "a robot's attribute": (ARM, "name='arm'>", "name='arm' scale='2'>", "robot 'arm': the attribute 'scale'"),
+    "a link": (
+        ARM,
+        "<inertial>",
+        "<inertail/><inertial>",
+        r"link 'arm': <inertail> .* did you mean 'inertial'",
+    ),
+    "mass in a link": (
+        ARM,
+        "<inertial>",
+        "<mass value='1'/><inertial>",
+        "link 'arm': <mass> is not read",
+    ),
+    "a joint": (
+        ARM,
+        "<axis",
+        "<pitch value='1'/><axis",
+        "joint 'j': <pitch> is not read.*<parent>, <child>",
+    ),
+    "a joint's attribute": (
+        ARM,
+        "type='revolute'",
+        "type='revolute' axis2='x'",
+        "joint 'j': the attribute 'axis2'",
+    ),
+    "an origin": (
+        ARM,
+        "<origin xyz='0 0 1'/>",
+        "<origin quat='1 0 0 0'/>",
+        "joint 'j' origin: the attribute 'quat'",
+    ),
+    "an inertial's origin": (
+        ARM,
+        "<origin xyz='0.1",
+        "<origin quat='1 0 0 0' xyz='0.1",
+        "link 'arm' inertial origin",
+    ),
+    "an axis": (
+        ARM,
+        "<axis",
+        "<axis expressed_in='base'",
+        "joint 'j' axis: the attribute 'expressed_in'",
+    ),
+    "a mass": (
+        ARM,
+        "value='1'",
+        "value='1' scale='2'",
+        "link 'arm' inertial mass: the attribute 'scale'",
+    ),
+    "a robot": (
+        ARM,
+        "<link name='base'/>",
+        "<spring/><link name='base'/>",
+        "robot 'arm': <spring> is not read",
+    ),
+    "a robot's attribute": (
+        ARM,
+        "name='arm'>",
+        "name='arm' scale='2'>",
+        "robot 'arm': the attribute 'scale'",
+    ),
     "an SDF link": (
         SDF,
         "<link name='base'/>",
@@ -46,14 +100,24 @@ REFUSED = {
         "link 'base': <mass> is not",
     ),
     "an SDF joint": (SDF, "<axis>", "<gear/><axis>", "joint 'j': <gear> is not read"),
-    "an SDF axis": (SDF, "<xyz>", "<xyz frame='base'>", "joint 'j' axis xyz: the attribute 'frame'"),
+    "an SDF axis": (
+        SDF,
+        "<xyz>",
+        "<xyz frame='base'>",
+        "joint 'j' axis xyz: the attribute 'frame'",
+    ),
     "an SDF model": (
         SDF,
         "<link name='base'/>",
         "<drake:joint/><link name='base'/>",
         "model 'arm': <drake:joint>",
     ),
-    "an SDF pose": (SDF, "<pose>", "<pose frame='base'>", "link 'arm' inertial pose: the attribute 'frame'"),
+    "an SDF pose": (
+        SDF,
+        "<pose>",
+        "<pose frame='base'>",
+        "link 'arm' inertial pose: the attribute 'frame'",
+    ),
 }
 
 
@@ -118,18 +182,26 @@ def test_what_says_nothing_about_motions_is_passed_over(case: str) -> None:
 
 # -- on request --------------------------------------------------------------------------------------------------------
 
-STRANGE = ARM.replace("<link name='base'/>", "<spring/><link name='base'/>").replace("<axis", "<axis twist='1'")
+STRANGE = ARM.replace("<link name='base'/>", "<spring/><link name='base'/>").replace(
+    "<axis", "<axis twist='1'"
+)
 
 
-@pytest.mark.parametrize("names", [("spring", "@twist"), ("robot/spring", "axis@twist")])
-def test_what_a_user_ignores_counts_as_if_it_were_not_there(names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "names", [("spring", "@twist"), ("robot/spring", "axis@twist")]
+)
+def test_what_a_user_ignores_counts_as_if_it_were_not_there(
+    names: tuple[str, ...],
+) -> None:
     assert notes(STRANGE, ignore=names) == (f"ignored, as asked: {', '.join(names)}",)
     assert ec.load(STRANGE, ignore=names).bodies == ec.load(ARM).bodies
 
 
 def test_a_description_ignores_parts_of_its_file(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(STRANGE)
-    (tmp_path / "arm.yaml").write_text("echelon: 1\nrobot: {file: arm.urdf, ignore: [spring, axis@twist]}\n")
+    (tmp_path / "arm.yaml").write_text(
+        "echelon: 1\nrobot: {file: arm.urdf, ignore: [spring, axis@twist]}\n"
+    )
     mechanism = ec.load(tmp_path / "arm.yaml")
     assert mechanism.bodies == ec.load(ARM).bodies
     assert mechanism.reading is not None
@@ -140,14 +212,22 @@ def test_joints_and_constraints_of_mjcf_are_ignored_too() -> None:
     body = "<body name='b'><joint name='j' axis='0 1 0'/><geom size='.1'/></body>"
     held = "<equality><joint joint1='j' polycoef='0.5 0 0 0 0'/></equality>"
     text = f"<mujoco><worldbody>{body}</worldbody>{held}</mujoco>"
-    assert [ec.load(text, ignore=names).degrees_of_freedom for names in ((), ("equality",))] == [0, 1]
+    assert [
+        ec.load(text, ignore=names).degrees_of_freedom for names in ((), ("equality",))
+    ] == [0, 1]
 
 
 def test_a_name_to_ignore_that_is_not_there_is_an_error() -> None:
-    with pytest.raises(InputError, match="it has no 'sprnig' that could be ignored; did you mean 'spring'"):
+    with pytest.raises(
+        InputError,
+        match="it has no 'sprnig' that could be ignored; did you mean 'spring'",
+    ):
         ec.load(STRANGE, ignore=["sprnig"])
     with pytest.raises(InputError, match="it has no 'spring' that could be ignored"):
-        ec.load("echelon: 1\nname: a\nbodies: [{name: b, joint: {type: revolute, axis: z}}]", ignore=["spring"])
+        ec.load(
+            "echelon: 1\nname: a\nbodies: [{name: b, joint: {type: revolute, axis: z}}]",
+            ignore=["spring"],
+        )
 
 
 def test_mjcf_names_forces_that_base_parameters_do_not_cover() -> None:
@@ -158,7 +238,10 @@ def test_mjcf_names_forces_that_base_parameters_do_not_cover() -> None:
     reading = ec.load(text).reading
     assert reading is not None
     kinds = "limits of tendons, drag of a fluid, actuators that act through tendons, sites or bodies"
-    assert f"ignored, since rigid-body parameters do not cover them: {kinds}" in reading.notes
+    assert (
+        f"ignored, since rigid-body parameters do not cover them: {kinds}"
+        in reading.notes
+    )
 
 
 @pytest.mark.parametrize(
@@ -172,4 +255,8 @@ def test_mjcf_names_forces_that_base_parameters_do_not_cover() -> None:
 def test_files_of_vendors_are_read_as_ever(name: str, listed: str) -> None:
     found = ec.load(robot_file(name)).reading
     assert found is not None
-    assert any(note.startswith(listed) for note in found.notes) if listed else "not read" not in " ".join(found.notes)
+    assert (
+        any(note.startswith(listed) for note in found.notes)
+        if listed
+        else "not read" not in " ".join(found.notes)
+    )

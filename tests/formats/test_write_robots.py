@@ -31,19 +31,38 @@ from support.written_robots import (
 )
 
 URDFS = [
-    *[(name, False) for name in ("ur10_robot", "panda", "kinova", "tiago", "xarm7", "pr2", "z1", "so100")],
-    *[(name, True) for name in ("a1", "romeo", "talos_full_v2", "anymal", "solo12", "icub")],
+    *[
+        (name, False)
+        for name in (
+            "ur10_robot",
+            "panda",
+            "kinova",
+            "tiago",
+            "xarm7",
+            "pr2",
+            "z1",
+            "so100",
+        )
+    ],
+    *[
+        (name, True)
+        for name in ("a1", "romeo", "talos_full_v2", "anymal", "solo12", "icub")
+    ],
 ]
 
 
 LARGE = {"tiago", "pr2", "romeo", "talos_full_v2", "icub"}
 
 
-@pytest.mark.parametrize(("name", "floating"), slow_unless(lambda case: case[0] not in LARGE, URDFS))
+@pytest.mark.parametrize(
+    ("name", "floating"), slow_unless(lambda case: case[0] not in LARGE, URDFS)
+)
 def test_written_urdf_in_pinocchio_and_read_again(name: str, floating: bool) -> None:
     file = robot_file(name)
     options = replace(EXACT, floating=floating)
-    mechanism = ec.load(file, snap_tolerance=0, floating=floating, independent_mimics=True)
+    mechanism = ec.load(
+        file, snap_tolerance=0, floating=floating, independent_mimics=True
+    )
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(file))
     again = reread(written, options)
@@ -67,10 +86,14 @@ def test_geometry_that_was_read_as_exact_stays_as_written_and_is_mentioned() -> 
 
 def test_kept_fixed_links_have_their_own_inertial() -> None:
     file = robot_file("panda")
-    mechanism = ec.load(file, snap_tolerance=0, independent_mimics=True, keep_fixed_links=True)
+    mechanism = ec.load(
+        file, snap_tolerance=0, independent_mimics=True, keep_fixed_links=True
+    )
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(file))
-    assert_near(standard(reread(written, replace(EXACT, keep_fixed_links=True))), values, 1e-14)
+    assert_near(
+        standard(reread(written, replace(EXACT, keep_fixed_links=True))), values, 1e-14
+    )
     assert not any("fixed to" in note for note in written.notes)
 
 
@@ -132,7 +155,11 @@ def arm(tmp_path: Path) -> tuple[Mechanism, WrittenRobot]:
         "Ia1": 0.5,
         "Fo2": 0.0625,
     }
-    values = [*solid(4, 0.5), *solid(2, 0.25), *(known[name] for name in mechanism.parameters[20:])]
+    values = [
+        *solid(4, 0.5),
+        *solid(2, 0.25),
+        *(known[name] for name in mechanism.parameters[20:]),
+    ]
     (written,) = identified_robot(mechanism, values, open_robot(tmp_path / "arm.urdf"))
     return mechanism, written
 
@@ -142,9 +169,12 @@ def test_all_but_the_edited_elements_stays(arm: tuple[Mechanism, WrittenRobot]) 
     moments = 'ixx="1.0" ixy="0.0" ixz="0.0" iyy="2.0" iyz="0.0" izz="2.5"'
     old = 'ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"'
     expected = ARM.replace("ISO-8859-1", "UTF-8")
-    expected = expected.replace("""rpy = '0.1 0.2 0.3'  xyz="1 2 3\"""", 'rpy = "0 0 0"  xyz="0.5 0.0 0.0"')
     expected = expected.replace(
-        f'"2" unit="kg"/>\r\n\t\t\t<inertia {old}>', f'"4.0" unit="kg"/>\r\n\t\t\t<inertia {moments}>'
+        """rpy = '0.1 0.2 0.3'  xyz="1 2 3\"""", 'rpy = "0 0 0"  xyz="0.5 0.0 0.0"'
+    )
+    expected = expected.replace(
+        f'"2" unit="kg"/>\r\n\t\t\t<inertia {old}>',
+        f'"4.0" unit="kg"/>\r\n\t\t\t<inertia {moments}>',
     )
     block = [
         "<inertial>",
@@ -153,9 +183,15 @@ def test_all_but_the_edited_elements_stays(arm: tuple[Mechanism, WrittenRobot]) 
         f"  <inertia {moments}/>",
     ]
     lines = "".join(f"\t  {line}\r\n" for line in [*block, "</inertial>"])
-    expected = expected.replace('<link name="fore"/>', f'<link name="fore">\r\n{lines}\t</link>')
-    expected = expected.replace(f'\t\t<inertial><mass value="1"/><inertia {old}/></inertial>\r\n', "")
-    expected = expected.replace("""damping='0.5' friction="0.25\"""", 'damping="18.0" friction="2.25"')
+    expected = expected.replace(
+        '<link name="fore"/>', f'<link name="fore">\r\n{lines}\t</link>'
+    )
+    expected = expected.replace(
+        f'\t\t<inertial><mass value="1"/><inertia {old}/></inertial>\r\n', ""
+    )
+    expected = expected.replace(
+        """damping='0.5' friction="0.25\"""", 'damping="18.0" friction="2.25"'
+    )
     expected = expected.replace(
         '<joint name="elbow" type="continuous">\r\n',
         '<joint name="elbow" type="continuous">\r\n\t\t<dynamics damping="0.125"/>\r\n',
@@ -169,7 +205,14 @@ def test_all_but_the_edited_elements_stays(arm: tuple[Mechanism, WrittenRobot]) 
 def test_what_urdf_cannot_say_is_said(arm: tuple[Mechanism, WrittenRobot]) -> None:
     _, written = arm
     said = "; ".join(written.notes)
-    for part in ("rotor inertia", "= 0.5 kg·m²", "Fo2 = 0.0625 N·m", "ZZ_wheel = 0.001 kg·m²", "'tool'", "relative to"):
+    for part in (
+        "rotor inertia",
+        "= 0.5 kg·m²",
+        "Fo2 = 0.0625 N·m",
+        "ZZ_wheel = 0.001 kg·m²",
+        "'tool'",
+        "relative to",
+    ):
         assert part in said
     assert all(note in written.text for note in written.notes)
 
@@ -182,7 +225,11 @@ def test_bytes_of_other_encodings_and_marks_are_read(tmp_path: Path) -> None:
         file.write_bytes(data)
         mechanism = ec.load(file, floating=True)
         (written,) = identified_robot(mechanism, solid(2, 0.5), open_robot(file))
-        assert_near(standard(reread(written, replace(EXACT, floating=True))), np.array(solid(2, 0.5)), 1e-15)
+        assert_near(
+            standard(reread(written, replace(EXACT, floating=True))),
+            np.array(solid(2, 0.5)),
+            1e-15,
+        )
 
 
 def test_massless_links_lose_their_inertial() -> None:
@@ -191,7 +238,9 @@ def test_massless_links_lose_their_inertial() -> None:
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(file))
     assert reread(written, EXACT).bodies[3].inertial is None
-    assert any("carry no parameters or zero: 'wrist_1_link'" in note for note in written.notes)
+    assert any(
+        "carry no parameters or zero: 'wrist_1_link'" in note for note in written.notes
+    )
 
 
 # -- what cannot be written --------------------------------------------------------------------------------------------
@@ -207,22 +256,46 @@ def test_bad_values_are_refused_by_name() -> None:
         identified_robot(pendulum(), np.ones(9))
     with pytest.raises(InputError, match=r"parameter 'MX1'.*not a finite"):
         identified_robot(pendulum(), [*[1.0] * 6, np.nan, 0, 0, 1])
-    for impossible in (solid(-1, 0), [1, 0, 0, 1, 0, 2.1, 0, 0, 0, 1], [1, 0, 0, 1, 0, 1, 2, 0, 0, 1]):
-        with pytest.raises(InputError, match="body 'arm': no body has these parameters"):
+    for impossible in (
+        solid(-1, 0),
+        [1, 0, 0, 1, 0, 2.1, 0, 0, 0, 1],
+        [1, 0, 0, 1, 0, 1, 2, 0, 0, 1],
+    ):
+        with pytest.raises(
+            InputError, match="body 'arm': no body has these parameters"
+        ):
             identified_robot(pendulum(), impossible)
 
 
 @pytest.mark.parametrize(
     ("name", "text", "problem"),
     [
-        ("other.urdf", '<robot name="o"><link name="x"/></robot>', "body 'arm': the file has no such link"),
-        ("other.xml", '<mujoco><worldbody><body name="x"/></worldbody></mujoco>', "body 'arm': the model has no"),
+        (
+            "other.urdf",
+            '<robot name="o"><link name="x"/></robot>',
+            "body 'arm': the file has no such link",
+        ),
+        (
+            "other.xml",
+            '<mujoco><worldbody><body name="x"/></worldbody></mujoco>',
+            "body 'arm': the model has no",
+        ),
         ("page.xml", "<html/>", "the root element is <html>"),
-        ("bomb.urdf", '<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>', "entities are not accepted"),
-        ("odd.urdf", '<?xml version="1.0" encoding="klingon"?><robot/>', "cannot be decoded"),
+        (
+            "bomb.urdf",
+            '<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>',
+            "entities are not accepted",
+        ),
+        (
+            "odd.urdf",
+            '<?xml version="1.0" encoding="klingon"?><robot/>',
+            "cannot be decoded",
+        ),
     ],
 )
-def test_files_of_other_robots_and_other_files_are_refused(name: str, text: str, problem: str, tmp_path: Path) -> None:
+def test_files_of_other_robots_and_other_files_are_refused(
+    name: str, text: str, problem: str, tmp_path: Path
+) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=problem):
         identified_robot(pendulum(), solid(1, 0.1), open_robot(tmp_path / name))

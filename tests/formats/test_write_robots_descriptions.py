@@ -27,7 +27,17 @@ from support.written_robots import (
 )
 
 DESCRIPTIONS = (
-    *("panda", "rx90", "stanford", "double_pendulum", "puma560", "ur10", "furuta", "tx40", "cart_pole"),
+    *(
+        "panda",
+        "rx90",
+        "stanford",
+        "double_pendulum",
+        "puma560",
+        "ur10",
+        "furuta",
+        "tx40",
+        "cart_pole",
+    ),
     *("floating_tree", "scara", "gripper_coupled"),
 )
 
@@ -75,20 +85,27 @@ bodies:
 
 
 def with_symbol_values(mechanism: Mechanism) -> Mechanism:
-    known = {n: s if s.value is not None else replace(s, value=SYMBOLS[n]) for n, s in mechanism.symbols.items()}
+    known = {
+        n: s if s.value is not None else replace(s, value=SYMBOLS[n])
+        for n, s in mechanism.symbols.items()
+    }
     return replace(mechanism, symbols=known)
 
 
 def described(name: str) -> Mechanism:
     if name in ODD:
-        return RobotFile.of(ODD[name].encode(), "odd.yaml").mechanism(ReadingOptions(snap_tolerance=0))
+        return RobotFile.of(ODD[name].encode(), "odd.yaml").mechanism(
+            ReadingOptions(snap_tolerance=0)
+        )
     return with_symbol_values(ec.load(EXAMPLES / f"{name}.yaml"))
 
 
 def numeric_gravity(mechanism: Mechanism) -> Mechanism:
     """A symbolic gravity, and effects, would only be in the way."""
     parts = mechanism.gravity or ()
-    fixed = mechanism.gravity if all(part.number is not None for part in parts) else None
+    fixed = (
+        mechanism.gravity if all(part.number is not None for part in parts) else None
+    )
     return replace(mechanism, gravity=fixed, effects=(), actuators=(), measured=None)
 
 
@@ -99,7 +116,9 @@ def test_written_description_says_everything(name: str) -> None:
     written = identified_robot(mechanism, values)[0]
     again = reread(written)
     known = dict(zip(mechanism.parameters, (float(v) for v in values), strict=True))
-    effects = tuple(replace(effect, value=known[effect.parameter]) for effect in mechanism.effects)
+    effects = tuple(
+        replace(effect, value=known[effect.parameter]) for effect in mechanism.effects
+    )
     assert geometry(again) == geometry(replace(mechanism, effects=effects))
     assert np.array_equal(standard(again), values)
 
@@ -113,16 +132,26 @@ def test_urdf_of_a_description_in_pinocchio_and_read_again(name: str) -> None:
     states, count = random_states(rigid, 3), len(rigid.parameters)
     expected = float_regressor(rigid, *states) @ values[:count]
     floating = rigid.bodies[0].joint.kind == "floating"
-    gravity = "none" if rigid.gravity is None else ",".join(str(part.number) for part in rigid.gravity)
+    gravity = (
+        "none"
+        if rigid.gravity is None
+        else ",".join(str(part.number) for part in rigid.gravity)
+    )
     again = reread(written, replace(EXACT, floating=floating, gravity=gravity))
     assert again.velocities == rigid.velocities
     assert_near(float_regressor(again, *states) @ standard(again), expected, 1e-11)
-    assert_near(pinocchio_efforts(again, written.text, states, floating), expected, 1e-12)
+    assert_near(
+        pinocchio_efforts(again, written.text, states, floating), expected, 1e-12
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("coupled_arm", "without values: d3, d5"), ("gripper_coupled", "'right'"), ("floating_tree", "'upper_arm'")],
+    [
+        ("coupled_arm", "without values: d3, d5"),
+        ("gripper_coupled", "'right'"),
+        ("floating_tree", "'upper_arm'"),
+    ],
 )
 def test_why_there_is_no_urdf_is_said(name: str, reason: str) -> None:
     mechanism = ec.load(EXAMPLES / f"{name}.yaml")
@@ -137,12 +166,17 @@ def test_joints_of_a_generated_urdf_have_friction_and_unknown_limits() -> None:
     known = dict(zip(mechanism.parameters, values, strict=True))
     _, urdf = identified_robot(mechanism, values)
     for k, joint in enumerate(ElementTree.fromstring(urdf.text).findall("joint"), 1):
-        friction = {"damping": repr(float(known[f"Fv{k}"])), "friction": repr(float(known[f"Fc{k}"]))}
+        friction = {
+            "damping": repr(float(known[f"Fv{k}"])),
+            "friction": repr(float(known[f"Fc{k}"])),
+        }
         assert [element.attrib for element in joint.findall("dynamics")] == [friction]
     for name in ("Ia1", "Fo6", "fsm6"):
         assert f"{name} = {float(known[name])!r}" in urdf.text
     cart = ec.load(EXAMPLES / "cart_pole.yaml")
-    assert "limits of 'cart' are made up" in "; ".join(identified_robot(cart, random_parameters(cart))[1].notes)
+    assert "limits of 'cart' are made up" in "; ".join(
+        identified_robot(cart, random_parameters(cart))[1].notes
+    )
 
 
 def test_rotors_are_in_the_description_only() -> None:

@@ -13,7 +13,13 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.robot_writer import WrittenRobot, identified_robot
 from support.float_regressor import float_regressor, random_states
 from support.paths import EXAMPLES
-from support.written_robots import assert_near, geometry, random_parameters, reread, standard
+from support.written_robots import (
+    assert_near,
+    geometry,
+    random_parameters,
+    reread,
+    standard,
+)
 
 BODY = '<inertial pos="0.05 -0.02 0.11" mass="1.3" euler="0.2 0.3 -0.4" diaginertia="0.021 0.017 0.012"/>'
 MJCFS = {
@@ -35,7 +41,9 @@ MJCFS = {
 }
 
 
-def mujoco_efforts(text: str, states: tuple[np.ndarray, ...], folder: Path) -> np.ndarray:
+def mujoco_efforts(
+    text: str, states: tuple[np.ndarray, ...], folder: Path
+) -> np.ndarray:
     import mujoco
 
     (folder / "simulated.xml").write_text(text)
@@ -85,14 +93,18 @@ def test_includes_are_put_in_place_with_their_comments(tmp_path: Path) -> None:
     (tmp_path / "parts" / "hand.xml").write_text(
         f'<mujoco><body name="b" pos="0 1 0"><joint name="k" axis="1 0 0"/>{BODY}</body></mujoco>'
     )
-    (tmp_path / "in.xml").write_text('<mujoco><worldbody><include file="parts/arm.xml"/></worldbody></mujoco>')
+    (tmp_path / "in.xml").write_text(
+        '<mujoco><worldbody><include file="parts/arm.xml"/></worldbody></mujoco>'
+    )
     written = check_mjcf(tmp_path / "in.xml", tmp_path)
     assert "<!-- an arm -->" in written.text
     assert "include" not in written.text
 
 
 def test_missing_includes_stay_where_they_are(tmp_path: Path) -> None:
-    body = f'<body name="a"><joint name="j"/>{BODY}<geom type="mesh" mesh="gone"/></body>'
+    body = (
+        f'<body name="a"><joint name="j"/>{BODY}<geom type="mesh" mesh="gone"/></body>'
+    )
     text = f'<mujoco><include file="assets.xml"/><worldbody>{body}</worldbody></mujoco>'
     (tmp_path / "in.xml").write_text(text)
     mechanism = ec.load(tmp_path / "in.xml", snap_tolerance=0)
@@ -103,7 +115,9 @@ def test_missing_includes_stay_where_they_are(tmp_path: Path) -> None:
     assert_near(standard(again), values, 1e-11)
 
 
-def test_bodies_that_are_multiplied_are_written_as_a_description(tmp_path: Path) -> None:
+def test_bodies_that_are_multiplied_are_written_as_a_description(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "in.xml").write_text(
         f"""<mujoco><worldbody><replicate count="3" offset="0 0.1 0.2">
         <body name="arm" pos="0.4 0 0"><joint name="j"/>{BODY}</body></replicate></worldbody></mujoco>"""
@@ -113,7 +127,11 @@ def test_bodies_that_are_multiplied_are_written_as_a_description(tmp_path: Path)
     values = standard(mechanism)
     written, urdf = identified_robot(mechanism, values, file)
     assert (written.name, urdf.name) == ("identified.yaml", "identified.urdf")
-    assert_near(standard(reread(written, ReadingOptions(snap_tolerance=0), tmp_path)), values, 1e-11)
+    assert_near(
+        standard(reread(written, ReadingOptions(snap_tolerance=0), tmp_path)),
+        values,
+        1e-11,
+    )
 
 
 def test_drives_of_mjcf_become_attributes_of_joints(tmp_path: Path) -> None:
@@ -131,17 +149,35 @@ def test_drives_of_mjcf_become_attributes_of_joints(tmp_path: Path) -> None:
     )
     mechanism = ec.load(tmp_path / "in.yaml")
     values = dict(zip(mechanism.parameters, random_parameters(mechanism), strict=True))
-    (written,) = identified_robot(mechanism, list(values.values()), open_robot(tmp_path / "in.xml"))
+    (written,) = identified_robot(
+        mechanism, list(values.values()), open_robot(tmp_path / "in.xml")
+    )
     model = mujoco.MjModel.from_xml_string(written.text)
     fv = [values[name] for name in values if name.startswith("Fv")]
-    fc, ia = (next(values[name] for name in values if name.startswith(start)) for start in ("Fc", "Ia"))
-    by_actuator = dict(zip([e.actions[0].at for e in mechanism.effects[:2]], fv, strict=True))
-    np.testing.assert_allclose(np.ravel(model.dof_damping), [by_actuator["j"], 100 * by_actuator["m"]], rtol=1e-15)
+    fc, ia = (
+        next(values[name] for name in values if name.startswith(start))
+        for start in ("Fc", "Ia")
+    )
+    by_actuator = dict(
+        zip([e.actions[0].at for e in mechanism.effects[:2]], fv, strict=True)
+    )
+    np.testing.assert_allclose(
+        np.ravel(model.dof_damping),
+        [by_actuator["j"], 100 * by_actuator["m"]],
+        rtol=1e-15,
+    )
     np.testing.assert_allclose(model.dof_frictionloss, [0, 10 * fc], rtol=1e-15)
     np.testing.assert_allclose(model.dof_armature, [0, 100 * ia], rtol=1e-15)
-    np.testing.assert_allclose(np.ravel(model.jnt_stiffness), [values["Ks1"], 4], rtol=1e-15)
-    np.testing.assert_allclose(model.qpos_spring, [-values["Ps1"] / values["Ks1"], 0], rtol=1e-14)
-    assert "stiffness stays as in the input where the identified model has no such effect: 'k'" in written.notes
+    np.testing.assert_allclose(
+        np.ravel(model.jnt_stiffness), [values["Ks1"], 4], rtol=1e-15
+    )
+    np.testing.assert_allclose(
+        model.qpos_spring, [-values["Ps1"] / values["Ks1"], 0], rtol=1e-14
+    )
+    assert (
+        "stiffness stays as in the input where the identified model has no such effect: 'k'"
+        in written.notes
+    )
 
 
 def test_held_joints_keep_next_to_no_mass(tmp_path: Path) -> None:
@@ -156,4 +192,6 @@ def test_held_joints_keep_next_to_no_mass(tmp_path: Path) -> None:
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(tmp_path / "in.xml"))
     assert_near(standard(reread(written, directory=tmp_path)), values, 1e-11)
-    assert mujoco.MjModel.from_xml_string(written.text).body_mass.sum() == pytest.approx(values[9], rel=1e-12)
+    assert mujoco.MjModel.from_xml_string(
+        written.text
+    ).body_mass.sum() == pytest.approx(values[9], rel=1e-12)

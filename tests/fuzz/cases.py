@@ -30,14 +30,21 @@ class Fault:
 
     def __str__(self) -> str:
         last = self.outcome.text.strip().splitlines()[-3:]
-        again = f"--only '{self.kind}' --first {self.number} --cases 1 --seed {self.seed}"
-        return f"{self.outcome.fault}: {' '.join(self.words)}\n  again: {again}\n  " + "\n  ".join(last)
+        again = (
+            f"--only '{self.kind}' --first {self.number} --cases 1 --seed {self.seed}"
+        )
+        return (
+            f"{self.outcome.fault}: {' '.join(self.words)}\n  again: {again}\n  "
+            + "\n  ".join(last)
+        )
 
 
 def prepared(folder: Path) -> Material:
     """What is mutated, with everything imported and compiled that commands need."""
     material = make(folder)
-    (folder / "motion.json").write_text(json.dumps(material.trajectory), encoding="utf-8")
+    (folder / "motion.json").write_text(
+        json.dumps(material.trajectory), encoding="utf-8"
+    )
     import_all()
     return material
 
@@ -46,9 +53,24 @@ def import_all() -> None:
     """Whatever commands need, so that no child has to."""
     import echelon
 
-    others = ("mcap.reader", "mujoco", "pyarrow.csv", "pyarrow.parquet", "rosbags.rosbag1", "rosbags.rosbag2")
+    others = (
+        "mcap.reader",
+        "mujoco",
+        "pyarrow.csv",
+        "pyarrow.parquet",
+        "rosbags.rosbag1",
+        "rosbags.rosbag2",
+    )
     ours = (found.name for found in pkgutil.walk_packages(echelon.__path__, "echelon."))
-    for name in (*others, "rosbags.typesys", "sympy", "h5py", "scipy.interpolate", "scipy.io", *ours):
+    for name in (
+        *others,
+        "rosbags.typesys",
+        "sympy",
+        "h5py",
+        "scipy.interpolate",
+        "scipy.io",
+        *ours,
+    ):
         with suppress(ImportError):  # such as what needs an extra
             import_module(name)
 
@@ -60,7 +82,9 @@ def cases(numbers: Iterable[int], only: str = "") -> Iterator[tuple[str, int]]:
         yield kinds[number % len(kinds)], number
 
 
-def run_case(material: Material, kind: str, number: int, seed: int, keep: Path | None = None) -> Fault | None:
+def run_case(
+    material: Material, kind: str, number: int, seed: int, keep: Path | None = None
+) -> Fault | None:
     """Make the file of a case and run its command on it; what went wrong, if anything."""
     rng = Random(f"{seed} {kind} {number}")
     folder = material.folder / "case"
@@ -72,7 +96,9 @@ def run_case(material: Material, kind: str, number: int, seed: int, keep: Path |
         if not outcome.fault:
             return None
         if keep is not None:
-            shutil.copytree(folder, keep / f"{kind} {seed} {number}", dirs_exist_ok=True)
+            shutil.copytree(
+                folder, keep / f"{kind} {seed} {number}", dirs_exist_ok=True
+            )
         return Fault(kind, number, seed, words, outcome)
     finally:
         shutil.rmtree(folder)

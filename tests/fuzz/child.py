@@ -81,11 +81,16 @@ def _become(act: Callable[[], int | None], log: Path) -> None:
         output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         for stream in (1, 2):
             os.dup2(output, stream)
-        sys.stdout, sys.stderr = (os.fdopen(stream, "w", encoding="utf-8", errors="replace") for stream in (1, 2))
+        sys.stdout, sys.stderr = (
+            os.fdopen(stream, "w", encoding="utf-8", errors="replace")
+            for stream in (1, 2)
+        )
         try:
             code = act() or 0
         except SystemExit as end:
-            code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+            code = (
+                end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+            )
         except BaseException:
             traceback.print_exc()
         sys.stdout.flush()

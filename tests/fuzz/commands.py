@@ -39,7 +39,10 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 
 def command(kind: str, file: Path, material: Material, rng: Random) -> list[str]:
     """The words of a command for a file of a format."""
-    known = COMMANDS.get(kind) or COMMANDS["trajectory" if kind.startswith("trajectory") else "log"]
+    known = (
+        COMMANDS.get(kind)
+        or COMMANDS["trajectory" if kind.startswith("trajectory") else "log"]
+    )
     folder = material.folder
     places = {
         "file": file,

@@ -47,11 +47,19 @@ _KINDS = (
     ("screw", ""),
     ("revolute", ""),
     ("prismatic", "<pose>0 0 0.1 0 0.3 0</pose>"),
-    ("gearbox", "<gearbox_ratio>2</gearbox_ratio><gearbox_reference_body>base</gearbox_reference_body>"),
+    (
+        "gearbox",
+        "<gearbox_ratio>2</gearbox_ratio><gearbox_reference_body>base</gearbox_reference_body>",
+    ),
     ("universal", "<axis2><xyz>1 0 0</xyz></axis2>"),
     ("ball", ""),
 )
-_MORE = ("", "", "<gripper name='g'><palm_link>nut</palm_link></gripper>", "<plugin name='p' filename='x'/>")
+_MORE = (
+    "",
+    "",
+    "<gripper name='g'><palm_link>nut</palm_link></gripper>",
+    "<plugin name='p' filename='x'/>",
+)
 
 
 def urdf(rng: Random) -> str:
@@ -66,7 +74,9 @@ def sdf(rng: Random) -> str:
     for name in rng.choice((("lift",), ("lift", "arm"), ("lift", "lift"), ())):
         kind, more = rng.choice(_KINDS)
         models.append(
-            _MODEL.format(name=name, kind=kind, more=more).replace("</model>", rng.choice(_MORE) + "</model>")
+            _MODEL.format(name=name, kind=kind, more=more).replace(
+                "</model>", rng.choice(_MORE) + "</model>"
+            )
         )
     inside = "".join(models)
     if rng.random() < 0.5:

@@ -105,16 +105,25 @@ def make(folder: Path) -> Material:
     base = ec.base_parameters(robot)
     log = _log(base)
     np.savetxt(
-        folder / "log.csv", np.column_stack(list(log.values())), delimiter=",", header=",".join(log), comments=""
+        folder / "log.csv",
+        np.column_stack(list(log.values())),
+        delimiter=",",
+        header=",".join(log),
+        comments="",
     )
     coefficients = np.random.default_rng(3).normal(scale=0.1, size=(5, 2))
     trajectory = Trajectory(("j1", "j2"), ("rad", "rad"), Fourier(4.0, 2), coefficients)
-    model = identification_to_json(ec.identify(ec.load_setup(folder / "setup.yaml"), [folder / "log.csv"]))
+    model = identification_to_json(
+        ec.identify(ec.load_setup(folder / "setup.yaml"), [folder / "log.csv"])
+    )
     (folder / "base.json").write_text(to_json(base), encoding="utf-8")
     (folder / "model.json").write_text(model, encoding="utf-8")
 
     def texts(names: tuple[str, ...], pattern: str) -> list[str]:
-        return [(ROOT / "examples" / pattern.format(name)).read_text(encoding="utf-8") for name in names]
+        return [
+            (ROOT / "examples" / pattern.format(name)).read_text(encoding="utf-8")
+            for name in names
+        ]
 
     return Material(
         folder,

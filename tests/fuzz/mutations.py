@@ -11,12 +11,62 @@ from typing import Any
 from xml.etree import ElementTree
 
 NUMBERS = (
-    *("0", "-0.0", "-1", "1", "0.5", "1e308", "-1e308", "1e-320", "1e400", "1e-400", "nan", ".nan", "inf", "-.inf"),
-    *("9" * 30, "1" + "0" * 400, "1" * 5000, "2147483648", "18446744073709551616", "1_000", "0x10", "١", "²", "1,5"),
+    *(
+        "0",
+        "-0.0",
+        "-1",
+        "1",
+        "0.5",
+        "1e308",
+        "-1e308",
+        "1e-320",
+        "1e400",
+        "1e-400",
+        "nan",
+        ".nan",
+        "inf",
+        "-.inf",
+    ),
+    *(
+        "9" * 30,
+        "1" + "0" * 400,
+        "1" * 5000,
+        "2147483648",
+        "18446744073709551616",
+        "1_000",
+        "0x10",
+        "١",
+        "²",
+        "1,5",
+    ),
 )
 TEXTS = (
-    *("", " ", "~", "null", "true", "*", "&a", "*a", "<<", "!!python/none x", "a" * 5000, "\x1b[31m", "ё", "q1\nq2"),
-    *("../../etc/passwd", "/dev/null", "1/0", "sqrt(-1)", "pi/0", "x**9**9", "9**9**9", "(" * 300 + ")" * 300),
+    *(
+        "",
+        " ",
+        "~",
+        "null",
+        "true",
+        "*",
+        "&a",
+        "*a",
+        "<<",
+        "!!python/none x",
+        "a" * 5000,
+        "\x1b[31m",
+        "ё",
+        "q1\nq2",
+    ),
+    *(
+        "../../etc/passwd",
+        "/dev/null",
+        "1/0",
+        "sqrt(-1)",
+        "pi/0",
+        "x**9**9",
+        "9**9**9",
+        "(" * 300 + ")" * 300,
+    ),
     *(
         "1 + 2·MX2",
         "l1·M2",
@@ -32,9 +82,34 @@ TEXTS = (
         "j2-left",
         "ذراع",
     ),
-    *("0.3 # $\\input{x}", "__import__('os')", "atan2(0, 0)", "1e999*l1", "l1", "j1", "all", "world", "-", "1 2 3"),
+    *(
+        "0.3 # $\\input{x}",
+        "__import__('os')",
+        "atan2(0, 0)",
+        "1e999*l1",
+        "l1",
+        "j1",
+        "all",
+        "world",
+        "-",
+        "1 2 3",
+    ),
 )
-_WHOLE = (0, 1, -1, 2, 127, 255, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 10**9, 10**30)
+_WHOLE = (
+    0,
+    1,
+    -1,
+    2,
+    127,
+    255,
+    65535,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**63 - 1,
+    10**9,
+    10**30,
+)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _WORD = re.compile(r"[A-Za-z_][\w.]*")
 
@@ -45,7 +120,9 @@ def plain_value(rng: Random) -> Any:
     if kind == 0:
         return rng.choice(_WHOLE)
     if kind == 1:
-        return rng.choice((0.0, -1.5, 1e308, 1e-308, 5e-324, float("inf"), float("nan")))
+        return rng.choice(
+            (0.0, -1.5, 1e308, 1e-308, 5e-324, float("inf"), float("nan"))
+        )
     if kind == 2:
         return rng.choice((None, True, False, [], {}, [[]], {"": ""}, [None]))
     if kind == 3:
@@ -73,7 +150,13 @@ def _places(data: Any) -> Iterator[tuple[Any, Any]]:
     pending = [data]
     while pending:
         holder = pending.pop()
-        keys = list(holder) if isinstance(holder, dict) else range(len(holder)) if isinstance(holder, list) else ()
+        keys = (
+            list(holder)
+            if isinstance(holder, dict)
+            else range(len(holder))
+            if isinstance(holder, list)
+            else ()
+        )
         for key in keys:
             yield holder, key
             pending.append(holder[key])
@@ -90,7 +173,11 @@ def _change(holder: Any, key: Any, places: list[tuple[Any, Any]], rng: Random) -
     elif action == 3:
         other, place = rng.choice(places)
         # not into itself
-        found = copy.deepcopy(other[place] if isinstance(other, list | dict) and _has(other, place) else None)
+        found = copy.deepcopy(
+            other[place]
+            if isinstance(other, list | dict) and _has(other, place)
+            else None
+        )
         holder[key] = found
     elif action == 4:
         holder[key] = rng.choice(([value], {"a": value}, str(value)))
@@ -121,13 +208,19 @@ def changed_text(text: str, rng: Random) -> str:
     return text
 
 
-def _token(pattern: re.Pattern[str], values: tuple[str, ...]) -> Callable[[str, Random], str]:
+def _token(
+    pattern: re.Pattern[str], values: tuple[str, ...]
+) -> Callable[[str, Random], str]:
     def change(text: str, rng: Random) -> str:
         found = list(pattern.finditer(text))
         if not found:
             return text
         match = rng.choice(found)
-        return text[: match.start()] + rng.choice((*values, rng.choice(found)[0])) + text[match.end() :]
+        return (
+            text[: match.start()]
+            + rng.choice((*values, rng.choice(found)[0]))
+            + text[match.end() :]
+        )
 
     return change
 
@@ -135,7 +228,11 @@ def _token(pattern: re.Pattern[str], values: tuple[str, ...]) -> Callable[[str, 
 def _lines(text: str, rng: Random) -> str:
     """A line lost, doubled, moved, or many times over."""
     lines = text.splitlines(keepends=True) or [""]
-    k, other, action = rng.randrange(len(lines)), rng.randrange(len(lines)), rng.randrange(5)
+    k, other, action = (
+        rng.randrange(len(lines)),
+        rng.randrange(len(lines)),
+        rng.randrange(5),
+    )
     if action == 0:
         del lines[k]
     elif action == 1:
@@ -152,12 +249,39 @@ def _lines(text: str, rng: Random) -> str:
 def _characters(text: str, rng: Random) -> str:
     k = rng.randrange(len(text) + 1)
     inserted = rng.choice(
-        ("", "[", "]", "{", "}", ":", ",", "-", "'", '"', "#", "\n", "\t", "<", ">", "&", "*", "é", "\0", *TEXTS)
+        (
+            "",
+            "[",
+            "]",
+            "{",
+            "}",
+            ":",
+            ",",
+            "-",
+            "'",
+            '"',
+            "#",
+            "\n",
+            "\t",
+            "<",
+            ">",
+            "&",
+            "*",
+            "é",
+            "\0",
+            *TEXTS,
+        )
     )
     return text[:k] + inserted + text[k + rng.choice((0, 1, 1, 8)) :]
 
 
-_TEXT_CHANGES = (_token(_NUMBER, NUMBERS), _token(_NUMBER, NUMBERS), _token(_WORD, TEXTS), _lines, _characters)
+_TEXT_CHANGES = (
+    _token(_NUMBER, NUMBERS),
+    _token(_NUMBER, NUMBERS),
+    _token(_WORD, TEXTS),
+    _lines,
+    _characters,
+)
 
 
 def changed_bytes(content: bytes, rng: Random) -> bytes:
@@ -178,7 +302,9 @@ def changed_bytes(content: bytes, rng: Random) -> bytes:
         else:
             form = rng.choice(("<H", "<I", "<Q", ">I", ">Q"))
             size = struct.calcsize(form)
-            found[k : k + size] = struct.pack(form, rng.choice(_WHOLE) % (1 << 8 * size))
+            found[k : k + size] = struct.pack(
+                form, rng.choice(_WHOLE) % (1 << 8 * size)
+            )
     return bytes(found)
 
 
@@ -187,12 +313,25 @@ def changed_xml(text: str, rng: Random) -> str:
     root = ElementTree.fromstring(text)
     for _ in range(rng.choice((1, 1, 2, 3))):
         elements = list(root.iter())
-        element, other, action = rng.choice(elements), rng.choice(elements), rng.randrange(6)
+        element, other, action = (
+            rng.choice(elements),
+            rng.choice(elements),
+            rng.randrange(6),
+        )
         names = list(element.keys())
         if action <= 2 and names:
             name = rng.choice(names)
             value = element.get(name, "")
-            element.set(name, rng.choice((rng.choice(NUMBERS), rng.choice(TEXTS), *[changed_text(value, rng)] * 4)))
+            element.set(
+                name,
+                rng.choice(
+                    (
+                        rng.choice(NUMBERS),
+                        rng.choice(TEXTS),
+                        *[changed_text(value, rng)] * 4,
+                    )
+                ),
+            )
         elif action == 3 and names:
             del element.attrib[rng.choice(names)]
         elif action == 4:

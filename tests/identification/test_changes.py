@@ -32,7 +32,9 @@ LOAD = [0.02, 0, 0, 0.08, 0, 0.08, 0.2, 0, 0.05, 0.6]
 def write_run(path: Path, seed: int, begin: float, loaded: slice) -> float:
     """Write a log whose stamps begin at some time, with a payload in some of its samples; its length, s."""
     base = ec.base_parameters(ec.load_setup(ARM).mechanism)
-    friction = [{"Fv": 2.0, "Fc": 1.5, "Fo": 0.3}[name[:2]] for name in base.parameters[30:]]
+    friction = [
+        {"Fv": 2.0, "Fc": 1.5, "Fo": 0.3}[name[:2]] for name in base.parameters[30:]
+    ]
     q, qd, qdd = fourier(np.random.default_rng(seed), 3, 0.9, harmonics=8)
     tau = base.predict(q, qd, qdd, base.values([*BODIES, *friction]))
     heavier = np.array(BODIES, dtype=float)
@@ -41,14 +43,25 @@ def write_run(path: Path, seed: int, begin: float, loaded: slice) -> float:
     tau += 0.05 * np.random.default_rng(seed + 1).normal(size=q.shape)
     time = begin + np.arange(len(q)) / RATE
     table = np.column_stack([time, q, tau])
-    np.savetxt(path, table, delimiter=",", header="t,q1,q2,q3,tau1,tau2,tau3", comments="", fmt="%.12g")
+    np.savetxt(
+        path,
+        table,
+        delimiter=",",
+        header="t,q1,q2,q3,tau1,tau2,tau3",
+        comments="",
+        fmt="%.12g",
+    )
     return len(q) / RATE
 
 
 def changes(logs: list[Path]) -> list[str]:
     """What is said of changes in logs that are all fitted."""
     setup = ec.load_setup(ARM).with_settings(physical=False)
-    return [finding.text for finding in ec.identify(setup, logs, logs[-1:]).findings if finding.kind == "changes"]
+    return [
+        finding.text
+        for finding in ec.identify(setup, logs, logs[-1:]).findings
+        if finding.kind == "changes"
+    ]
 
 
 def test_time_is_that_of_the_stamps(tmp_path: Path) -> None:
@@ -69,7 +82,10 @@ def test_log_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
     first, *others = changes([bare, loaded])
     assert not others
     assert re.search(r"3' carries another load in '.*loaded\.csv'", first)
-    assert re.search(r"identify the logs up to '.*bare\.csv' and those from '.*loaded\.csv' on separately", first)
+    assert re.search(
+        r"identify the logs up to '.*bare\.csv' and those from '.*loaded\.csv' on separately",
+        first,
+    )
 
 
 def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
@@ -78,7 +94,9 @@ def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
     length = write_run(attached, 3, 1000.0, slice(1500, None))
     first, *others = changes([bare, attached])
     assert not others
-    said = re.search(r"another load from about ([\d.]+) s of '.*attached\.csv' on", first)
+    said = re.search(
+        r"another load from about ([\d.]+) s of '.*attached\.csv' on", first
+    )
     assert said is not None, first
     assert float(said[1]) == pytest.approx(1000 + 1500 / RATE, abs=length / 5)
     assert re.search(rf"cut '.*attached\.csv' at {said[1]} s", first)

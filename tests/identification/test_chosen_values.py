@@ -17,8 +17,14 @@ def small(log: Motion) -> Motion:
     q, t = short["q"], short["t"]
     q[:, 0] = 0.02 * np.sin(4 * t)
     q[:, 1] = 0.5 + 0.01 * np.cos(7 * t)
-    qd, qdd = (np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0))
-    standard = [0.2 if value is None else value for value in ec.load_setup(ARM).mechanism.standard_values()]
+    qd, qdd = (
+        np.gradient(q, t, axis=0),
+        np.gradient(np.gradient(q, t, axis=0), t, axis=0),
+    )
+    standard = [
+        0.2 if value is None else value
+        for value in ec.load_setup(ARM).mechanism.standard_values()
+    ]
     short["qd"] = qd
     short["tau"] = base.predict(q, qd, qdd, base.values(standard))
     short["tau"] += 0.05 * np.random.default_rng(3).normal(size=q.shape)
@@ -31,7 +37,9 @@ def test_an_estimate_that_unseen_motions_need_and_data_do_not_show_gives_way() -
     assert chosen.predict_with == "physical"
     (said,) = [found.text for found in chosen.findings if found.kind == "predictions"]
     assert "which hardly show some combinations that others need" in said
-    asked = ec.identify(ec.load_setup(ARM).with_settings(predict="estimate"), fitted, unseen)
+    asked = ec.identify(
+        ec.load_setup(ARM).with_settings(predict="estimate"), fitted, unseen
+    )
     assert asked.predict_with == "estimate"
     pairs = zip(chosen.pooled[-1].scores, asked.pooled[-1].scores, strict=True)
     assert all(physical.rms < plain.rms for physical, plain in pairs)

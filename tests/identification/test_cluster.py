@@ -98,15 +98,30 @@ def test_strangers_cannot_reach_our_own_cluster() -> None:
             with pytest.raises((OSError, ValueError)):
                 distributed.Client(**stranger, timeout=1)
         info: dict[str, Any] = client.scheduler_info()
-        ports = [info["services"].get("dashboard"), *(w["services"].get("dashboard") for w in info["workers"].values())]
+        ports = [
+            info["services"].get("dashboard"),
+            *(w["services"].get("dashboard") for w in info["workers"].values()),
+        ]
         for port in filter(None, ports):
-            for page in ("", "info/main/workers.html", "json/identity.json", "metrics", "health"):
+            for page in (
+                "",
+                "info/main/workers.html",
+                "json/identity.json",
+                "metrics",
+                "health",
+            ):
                 with pytest.raises(HTTPError, match="404"):
                     urlopen(f"http://127.0.0.1:{port}/{page}", timeout=60)
         folder = next(iter(info["workers"].values()))["local_directory"]
-        private = next(path for path in Path(folder).parents if path.name.startswith("echelon-"))
+        private = next(
+            path for path in Path(folder).parents if path.name.startswith("echelon-")
+        )
         assert stat.S_IMODE(private.stat().st_mode) == 0o700
-        assert list(each(client, _echo, "common", range(3))) == ["common 0", "common 1", "common 2"]
+        assert list(each(client, _echo, "common", range(3))) == [
+            "common 0",
+            "common 1",
+            "common 2",
+        ]
     assert not private.exists()
 
 
@@ -149,7 +164,9 @@ def test_patience_ends_within_half_a_minute() -> None:
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_started_anew_is_an_error_and_then_serves_again(start: Start) -> None:
+def test_a_scheduler_that_is_started_anew_is_an_error_and_then_serves_again(
+    start: Start,
+) -> None:
     scheduler, address = start(SCHEDULER, 0)
     start(WORKER, address, "")
     with suppress(OSError), connect(address) as client:
@@ -172,7 +189,10 @@ def test_workers_of_another_version_are_refused(start: Start) -> None:
     _, address = start(SCHEDULER, 0)
     start(WORKER, address, "")
     start(WORKER, address, "0.0.1")
-    refused = pytest.raises(InputError, match=rf"it has echelon 0\.0\.1; .* only with {versions()['echelon']}")
+    refused = pytest.raises(
+        InputError,
+        match=rf"it has echelon 0\.0\.1; .* only with {versions()['echelon']}",
+    )
     with refused, connect(address):
         pass
 
@@ -195,5 +215,8 @@ def test_also_those_that_come_later(start: Start) -> None:
 
 @pytest.mark.parametrize(("name", "found"), [("python", "3.2"), ("numpy", None)])
 def test_what_differs_is_named(name: str, found: str | None) -> None:
-    with pytest.raises(InputError, match=f"worker: it has {f'{name} {found}' if found else f'no {name}'}"):
+    with pytest.raises(
+        InputError,
+        match=f"worker: it has {f'{name} {found}' if found else f'no {name}'}",
+    ):
         cluster.check_versions(versions(), {**versions(), name: found}, "worker")

@@ -23,9 +23,14 @@ def base() -> ec.BaseModel:
     return ec.base_parameters(ec.load(ROOT / "examples" / "double_pendulum.yaml"))
 
 
-def run(base: ec.BaseModel, delay: float, noise: float = 0.02, seed: int = 0) -> Segment:
+def run(
+    base: ec.BaseModel, delay: float, noise: float = 0.02, seed: int = 0
+) -> Segment:
     """A swing whose torques come late by so many seconds."""
-    rates, phases = np.array([[2.1, 5.3], [3.7, 6.1]]), np.array([[0.2, 1.9], [0.7, 2.3]])
+    rates, phases = (
+        np.array([[2.1, 5.3], [3.7, 6.1]]),
+        np.array([[0.2, 1.9], [0.7, 2.3]]),
+    )
 
     def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         angle = t[:, None, None] * rates + phases
@@ -42,19 +47,33 @@ def run(base: ec.BaseModel, delay: float, noise: float = 0.02, seed: int = 0) ->
 @pytest.mark.parametrize("delay", [-0.0113, -0.004, 0.0027, 0.008, 0.0165])
 def test_a_planted_delay_is_found(base: ec.BaseModel, delay: float) -> None:
     segment = run(base, delay)
-    found = with_delays(prepared(base, segment).model_copy(update={"delays": None}), [segment], base)
+    found = with_delays(
+        prepared(base, segment).model_copy(update={"delays": None}), [segment], base
+    )
     assert found.delays is not None
     assert set(found.delays) == {"j1", "j2"}
-    assert all(value == pytest.approx(delay, abs=3e-4) for value in found.delays.values())
+    assert all(
+        value == pytest.approx(delay, abs=3e-4) for value in found.delays.values()
+    )
     assert f"{1e3 * found.delays['j1']:.2g} ms" in found.reasons["delays"]
 
 
 @pytest.mark.parametrize("delay", [0.0004, 0.0095])
-def test_the_delay_of_dry_friction_is_found_between_samples(delay: float, base: ec.BaseModel, tmp_path: Path) -> None:
+def test_the_delay_of_dry_friction_is_found_between_samples(
+    delay: float, base: ec.BaseModel, tmp_path: Path
+) -> None:
     """It turns at an instant, which a clock that is just fast enough for the band would place some milliseconds off."""
-    text = (EXAMPLES / "double_pendulum.yaml").read_text().replace("effects: none", "effects: [viscous, coulomb]")
+    text = (
+        (EXAMPLES / "double_pendulum.yaml")
+        .read_text()
+        .replace("effects: none", "effects: [viscous, coulomb]")
+    )
     (tmp_path / "dry.yaml").write_text(text)
-    rubbed, swing, t = ec.base_parameters(ec.load(tmp_path / "dry.yaml")), run(base, delay), np.arange(COUNT) / RATE
+    rubbed, swing, t = (
+        ec.base_parameters(ec.load(tmp_path / "dry.yaml")),
+        run(base, delay),
+        np.arange(COUNT) / RATE,
+    )
     qd = np.gradient(swing.signals["q"], 1 / RATE, axis=0)
     late = np.stack([np.interp(t - delay, t, some) for some in qd.T], axis=1)
     y = swing.signals["y"] + [3.0, 2.0] * late + [4.0, 3.0] * np.sign(late)
@@ -67,8 +86,15 @@ def test_the_delay_of_dry_friction_is_found_between_samples(delay: float, base: 
 
 def test_slow_logs_may_be_two_samples_late(base: ec.BaseModel) -> None:
     whole = run(base, 0.04)
-    slow = Segment("run.csv", 0.0, 50.0, {name: values[::10] for name, values in whole.signals.items()})
-    found = with_delays(prepared(base, slow).model_copy(update={"delays": None}), [slow], base)
+    slow = Segment(
+        "run.csv",
+        0.0,
+        50.0,
+        {name: values[::10] for name, values in whole.signals.items()},
+    )
+    found = with_delays(
+        prepared(base, slow).model_copy(update={"delays": None}), [slow], base
+    )
     assert found.delays is not None
     assert found.delays["j1"] == pytest.approx(0.04, abs=1e-3)
 
@@ -76,7 +102,9 @@ def test_slow_logs_may_be_two_samples_late(base: ec.BaseModel) -> None:
 def test_none_is_invented(base: ec.BaseModel) -> None:
     for seed in range(3):
         segment = run(base, 0.0, noise=0.1, seed=seed)
-        found = with_delays(prepared(base, segment).model_copy(update={"delays": None}), [segment], base)
+        found = with_delays(
+            prepared(base, segment).model_copy(update={"delays": None}), [segment], base
+        )
         assert found.delays == {}
         assert "none" in found.reasons["delays"]
 
@@ -91,19 +119,30 @@ def prepared(base: ec.BaseModel, segment: Segment) -> Preparation:
     return chosen(Preparation(), Signals.of([segment], base.mechanism))
 
 
-def test_an_output_that_comes_later_than_the_others_has_a_delay_of_its_own(base: ec.BaseModel) -> None:
+def test_an_output_that_comes_later_than_the_others_has_a_delay_of_its_own(
+    base: ec.BaseModel,
+) -> None:
     early, late = run(base, 0.0), run(base, 0.012)
     y = np.stack([early.signals["y"][:, 0], late.signals["y"][:, 1]], axis=1)
     segment = Segment("run.csv", 0.0, RATE, {"q": early.signals["q"], "y": y})
-    found = with_delays(prepared(base, segment).model_copy(update={"delays": None}), [segment], base).delays
+    found = with_delays(
+        prepared(base, segment).model_copy(update={"delays": None}), [segment], base
+    ).delays
     assert found is not None
     assert found["j2"] - found.get("j1", 0.0) == pytest.approx(0.012, abs=5e-4)
 
 
 @pytest.mark.parametrize("rate", [RATE, 50 * RATE])
-def test_stretches_too_short_for_a_delay_have_none(base: ec.BaseModel, rate: float) -> None:
+def test_stretches_too_short_for_a_delay_have_none(
+    base: ec.BaseModel, rate: float
+) -> None:
     """As of a log whose rate is stated far too high."""
     whole = run(base, 0.01)
-    short = Segment("run.csv", 0.0, rate, {name: values[:400] for name, values in whole.signals.items()})
+    short = Segment(
+        "run.csv",
+        0.0,
+        rate,
+        {name: values[:400] for name, values in whole.signals.items()},
+    )
     made = Preparation(band=8.0, measured=(), still=0.0)
     assert with_delays(made, [short], base).delays is not None

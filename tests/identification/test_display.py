@@ -15,7 +15,10 @@ from support.swinging_arm import ARM, swinging
 @pytest.fixture(scope="module")
 def result() -> ec.Identification:
     motion = swinging()
-    return ec.identify(ARM.replace("elbow_joint", "el&amp;bow"), {name: motion[name] for name in ("t", "q", "tau")})
+    return ec.identify(
+        ARM.replace("elbow_joint", "el&amp;bow"),
+        {name: motion[name] for name in ("t", "q", "tau")},
+    )
 
 
 def test_parameters_are_a_data_frame(result: ec.Identification) -> None:
@@ -40,7 +43,9 @@ def test_measured_and_predicted_are_drawn(result: ec.Identification) -> None:
     assert lines[0].line.color != lines[1].line.color
 
 
-def test_absent_packages_name_the_extra(result: ec.Identification, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_absent_packages_name_the_extra(
+    result: ec.Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for package in ("pandas", "plotly.graph_objects"):
         monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(ec.MissingExtraError, match=r"echelon-robotics\[notebook\]"):

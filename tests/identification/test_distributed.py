@@ -49,7 +49,10 @@ def alone(folder: Path) -> Identification:
 def workers() -> Iterator[Client]:
     """Two of them, who find the modules of the tests as they find the library."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]))
+        patch.setenv(
+            "PYTHONPATH",
+            os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]),
+        )
         with connect("2") as client:
             yield client
 
@@ -67,21 +70,33 @@ def mortal() -> Iterator[Client]:
         yield client
 
 
-def test_two_processes_say_what_one_says(client: Client, folder: Path, alone: Identification) -> None:
+def test_two_processes_say_what_one_says(
+    client: Client, folder: Path, alone: Identification
+) -> None:
     same(identify(pendulum(), [folder], client=client), alone)
 
 
 @pytest.mark.parametrize("memory", slow_unless([300_000], [0, 300_000, 1 << 28]))
-def test_some_logs_are_kept_and_some_are_not(client: Client, folder: Path, memory: int) -> None:
+def test_some_logs_are_kept_and_some_are_not(
+    client: Client, folder: Path, memory: int
+) -> None:
     """By what one process would have had memory for; with one log held out in part, and others."""
-    logs, other = [folder / f"run{k}.parquet" for k in range(3)], [folder / "run7.parquet"]
+    logs, other = (
+        [folder / f"run{k}.parquet" for k in range(3)],
+        [folder / "run7.parquet"],
+    )
     for validate in ([], other):
         found = identify(pendulum(), logs, validate, client=client, memory=memory)
         same(found, identify(pendulum(), logs, validate, memory=memory))
 
 
-@pytest.mark.parametrize("estimator", [pytest.param(name, marks=pytest.mark.slow) for name in ("huber", "tls")])
-def test_other_estimators_say_the_same(client: Client, folder: Path, estimator: str) -> None:
+@pytest.mark.parametrize(
+    "estimator",
+    [pytest.param(name, marks=pytest.mark.slow) for name in ("huber", "tls")],
+)
+def test_other_estimators_say_the_same(
+    client: Client, folder: Path, estimator: str
+) -> None:
     setup = pendulum()
     setup = setup.with_settings(estimator=estimator)
     same(identify(setup, [folder], client=client), identify(setup, [folder]))
@@ -103,7 +118,9 @@ def _slowly(pause: float, item: int) -> tuple[int, int]:
 
 
 @pytest.mark.slow
-def test_a_worker_dies_midway(mortal: Client, folder: Path, alone: Identification) -> None:
+def test_a_worker_dies_midway(
+    mortal: Client, folder: Path, alone: Identification
+) -> None:
     """What it had made is made again by others."""
     pids = set(mortal.run(os.getpid).values())
     assert len(pids) == 2
@@ -115,7 +132,9 @@ def test_a_worker_dies_midway(mortal: Client, folder: Path, alone: Identificatio
         while not killed:
             # a worker that holds results and is at work
             busy = {address for address, keys in mortal.processing().items() if keys}
-            holding = {address for address, keys in mortal.has_what().items() if len(keys) > 1}
+            holding = {
+                address for address, keys in mortal.has_what().items() if len(keys) > 1
+            }
             for address in busy & holding:
                 victim = mortal.run(os.getpid, workers=[address])[address]
                 os.kill(victim, signal.SIGKILL)
@@ -126,7 +145,10 @@ def test_a_worker_dies_midway(mortal: Client, folder: Path, alone: Identificatio
     killer = threading.Thread(target=kill_one)
     killer.start()
     found = identify(
-        pendulum(), [folder], client=mortal, on_step=lambda text: started.set() if "taking" in text else None
+        pendulum(),
+        [folder],
+        client=mortal,
+        on_step=lambda text: started.set() if "taking" in text else None,
     )
     started.set()
     killer.join(30)
@@ -156,7 +178,11 @@ def test_errors_of_a_log_arrive(client: Client, folder: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "where", ["somewhere://127.0.0.1:1", pytest.param("tcp://127.0.0.1:1", marks=pytest.mark.slow)]
+    "where",
+    [
+        "somewhere://127.0.0.1:1",
+        pytest.param("tcp://127.0.0.1:1", marks=pytest.mark.slow),
+    ],
 )
 def test_no_scheduler_there(where: str) -> None:
     with pytest.raises(InputError, match="cannot be reached"), connect(where):

@@ -19,7 +19,10 @@ UNITS = ("kg",) * 6
 
 
 def problem(
-    seed: int, rows: int = 300, noise: Sequence[float] = (0.3, 3.0), truth: np.ndarray = TRUTH
+    seed: int,
+    rows: int = 300,
+    noise: Sequence[float] = (0.3, 3.0),
+    truth: np.ndarray = TRUTH,
 ) -> tuple[np.ndarray, np.ndarray, ec.Observation]:
     rng = np.random.default_rng(seed)
     W = rng.normal(size=(rows, len(noise), len(truth)))
@@ -27,7 +30,9 @@ def problem(
     return W, y, ArrayRows.of(W, y).observation()
 
 
-def stacked(W: np.ndarray, y: np.ndarray, noise: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def stacked(
+    W: np.ndarray, y: np.ndarray, noise: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
     scale = 1 / np.array(noise)
     return (W * scale[:, None]).reshape(-1, W.shape[2]), (y * scale).ravel()
 
@@ -51,7 +56,8 @@ def test_what_is_left_is_least_squares_of_what_is_left(seed: int) -> None:
     np.testing.assert_allclose(found.values[kept], x, rtol=1e-9)
     variance = squares(A, b, kept) / (len(b) - len(kept))
     np.testing.assert_allclose(
-        found.covariance[np.ix_(kept, kept)], variance * np.linalg.inv(A[:, kept].T @ A[:, kept])
+        found.covariance[np.ix_(kept, kept)],
+        variance * np.linalg.inv(A[:, kept].T @ A[:, kept]),
     )
     gone = [k for k in range(6) if k not in kept]
     assert not found.values[gone].any()
@@ -85,14 +91,21 @@ def test_every_step_of_the_history_is_the_best_one(seed: int) -> None:
 
 
 def test_the_true_model_is_found_nearly_always() -> None:
-    right = [essential(problem(seed)[2], UNITS).diagnostics["kept"] == ["p1", "p3", "p5"] for seed in range(60)]
+    right = [
+        essential(problem(seed)[2], UNITS).diagnostics["kept"] == ["p1", "p3", "p5"]
+        for seed in range(60)
+    ]
     # a parameter that is zero stays when χ²₁ exceeds ln 600 = 6.4, in 1.1 % of cases, and there are three
     assert np.mean(right) > 0.85
 
 
 def test_the_f_test_keeps_zeros_at_its_level() -> None:
-    kept = [essential(problem(seed)[2], UNITS, criterion="f-test") for seed in range(120)]
-    zeros = sum(len(set(found.diagnostics["kept"]) & {"p2", "p4", "p6"}) for found in kept)
+    kept = [
+        essential(problem(seed)[2], UNITS, criterion="f-test") for seed in range(120)
+    ]
+    zeros = sum(
+        len(set(found.diagnostics["kept"]) & {"p2", "p4", "p6"}) for found in kept
+    )
     # about binomial with 360 trials at 5 %; elimination one by one raises the rate a little
     assert 0.02 < zeros / 360 < 0.1
     assert all({"p1", "p3"} <= set(found.diagnostics["kept"]) for found in kept)
@@ -101,12 +114,16 @@ def test_the_f_test_keeps_zeros_at_its_level() -> None:
 def test_the_f_test_is_students_test_squared() -> None:
     W, y, seen = problem(3)
     A, b = stacked(W, y, (0.3, 3.0))
-    record = essential(seen, UNITS, (0.3, 3.0), criterion="f-test").diagnostics["history"][0]
+    record = essential(seen, UNITS, (0.3, 3.0), criterion="f-test").diagnostics[
+        "history"
+    ][0]
     x, rest = np.linalg.lstsq(A, b, rcond=None)[:2]
     t = x / np.sqrt(rest[0] / (len(b) - 6) * np.diagonal(np.linalg.inv(A.T @ A)))
     smallest = np.argmin(np.abs(t))
     assert record["parameter"] == f"p{smallest + 1}"
-    assert record["before"] == pytest.approx(2 * stats.t.sf(abs(t[smallest]), len(b) - 6))
+    assert record["before"] == pytest.approx(
+        2 * stats.t.sf(abs(t[smallest]), len(b) - 6)
+    )
 
 
 def test_relative_deviations_end_within_the_ratio() -> None:
@@ -125,7 +142,9 @@ def test_units_do_not_change_what_is_dropped() -> None:
     plain = essential(seen, UNITS)
     scaled = essential(ArrayRows.of(W * scale, y).observation(), UNITS)
     assert plain.diagnostics["eliminated"] == scaled.diagnostics["eliminated"]
-    np.testing.assert_allclose(plain.values, scaled.values * scale, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(
+        plain.values, scaled.values * scale, rtol=1e-8, atol=1e-12
+    )
 
 
 def test_correlated_residuals_count_less() -> None:
@@ -137,8 +156,13 @@ def test_correlated_residuals_count_less() -> None:
     assert loose.diagnostics["kept"] == ["p1"]
     # rows that are copies: their number must not matter
     W, y, few = problem(8, rows=100, noise=(0.3,), truth=truth)
-    copies = ArrayRows.of(np.repeat(W, 5, axis=0), np.repeat(y, 5, axis=0)).observation()
-    one, many = essential(few, UNITS[:2], (0.3,)), essential(copies, UNITS[:2], (0.3,), correlation=5.0)
+    copies = ArrayRows.of(
+        np.repeat(W, 5, axis=0), np.repeat(y, 5, axis=0)
+    ).observation()
+    one, many = (
+        essential(few, UNITS[:2], (0.3,)),
+        essential(copies, UNITS[:2], (0.3,), correlation=5.0),
+    )
     np.testing.assert_allclose(one.std, many.std, rtol=1e-9)
     assert one.diagnostics["eliminated"] == many.diagnostics["eliminated"]
 
@@ -161,9 +185,15 @@ def test_friction_without_effect_is_dropped_from_an_arm() -> None:
     truth = rng.uniform(0.5, 2, base.rank)
     absent = ["fvm6", "Fo2", "Fo5"]
     truth[[base.pivots.index(name) for name in absent]] = 0
-    q, qd, qdd = rng.uniform(-2, 2, (400, 6)), rng.normal(size=(400, 6)), 4 * rng.normal(size=(400, 6))
+    q, qd, qdd = (
+        rng.uniform(-2, 2, (400, 6)),
+        rng.normal(size=(400, 6)),
+        4 * rng.normal(size=(400, 6)),
+    )
     y = base.predict(q, qd, qdd, truth) + 0.02 * rng.normal(size=(400, 6))
-    found = essential(base.accumulate({"q": q, "qd": qd, "qdd": qdd, "y": y}), base.units)
+    found = essential(
+        base.accumulate({"q": q, "qd": qd, "qdd": qdd, "y": y}), base.units
+    )
     assert set(absent) <= set(found.diagnostics["eliminated"])
     assert len(found.diagnostics["eliminated"]) <= 5
     np.testing.assert_allclose(found.values, truth, atol=0.1)

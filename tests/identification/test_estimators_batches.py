@@ -25,10 +25,14 @@ def test_jackknife_is_that_of_refits(method: str) -> None:
     found = clustered(rows, estimate, seconds=0.0197)
     W, y, _ = dense(rows, estimate.diagnostics["weights"])
     batch = batches_of(rows, 0.0197)
-    refits = np.array([np.linalg.lstsq(W[batch != b], y[batch != b])[0] for b in np.unique(batch)])
+    refits = np.array(
+        [np.linalg.lstsq(W[batch != b], y[batch != b])[0] for b in np.unique(batch)]
+    )
     G = len(refits)
     changes = refits - estimate.values
-    np.testing.assert_allclose(found.covariance, (G - 1) / G * changes.T @ changes, rtol=1e-6, atol=1e-14)
+    np.testing.assert_allclose(
+        found.covariance, (G - 1) / G * changes.T @ changes, rtol=1e-6, atol=1e-14
+    )
     assert found.degrees == G - 1
     assert found.diagnostics["clusters"] == G
     np.testing.assert_array_equal(found.values, estimate.values)
@@ -39,7 +43,10 @@ def test_jackknife_of_huber_is_one_newton_step() -> None:
     estimate = huber(rows)
     found = clustered(rows, estimate, seconds=0.0197)
     W, y, output = dense(rows)
-    clips, slopes, weights = (np.array(estimate.diagnostics[k])[output] for k in ("clips", "slopes", "weights"))
+    clips, slopes, weights = (
+        np.array(estimate.diagnostics[k])[output]
+        for k in ("clips", "slopes", "weights")
+    )
     pull = weights**2 * np.clip(y - W @ estimate.values, -clips, clips)
     batch, changes = batches_of(rows, 0.0197), []
     for b in np.unique(batch):
@@ -47,7 +54,9 @@ def test_jackknife_of_huber_is_one_newton_step() -> None:
         bread = (W[rest].T * (slopes * weights**2)[rest]) @ W[rest]
         changes.append(np.linalg.solve(bread, W[~rest].T @ pull[~rest]))
     G, spread = len(changes), np.array(changes)
-    np.testing.assert_allclose(found.covariance, (G - 1) / G * spread.T @ spread, rtol=1e-6, atol=1e-14)
+    np.testing.assert_allclose(
+        found.covariance, (G - 1) / G * spread.T @ spread, rtol=1e-6, atol=1e-14
+    )
 
 
 def test_batches_of_white_residuals_agree_with_the_classical_covariance() -> None:
@@ -56,9 +65,13 @@ def test_batches_of_white_residuals_agree_with_the_classical_covariance() -> Non
     found = clustered(rows, estimate, clusters=300)
     assert 300 <= found.diagnostics["clusters"] <= 301
     np.testing.assert_allclose(found.std, estimate.std, rtol=0.2)
-    np.testing.assert_allclose(list(found.diagnostics["inflation"].values()), 1, atol=0.2)
+    np.testing.assert_allclose(
+        list(found.diagnostics["inflation"].values()), 1, atol=0.2
+    )
     robust = huber(rows)
-    np.testing.assert_allclose(clustered(rows, robust, clusters=300).std, robust.std, rtol=0.2)
+    np.testing.assert_allclose(
+        clustered(rows, robust, clusters=300).std, robust.std, rtol=0.2
+    )
 
 
 def test_repeated_rows_count_once() -> None:
@@ -69,18 +82,25 @@ def test_repeated_rows_count_once() -> None:
         columns=rows.layout.columns,
         times=[np.repeat(some, 10) for some in rows.times],
     )
-    once, ten = irls(rows.observation(), rows.units), irls(tenfold.observation(), rows.units)
+    once, ten = (
+        irls(rows.observation(), rows.units),
+        irls(tenfold.observation(), rows.units),
+    )
     np.testing.assert_allclose(ten.std, once.std / np.sqrt(10), rtol=0.01)
     found = clustered(tenfold, ten, seconds=0.01)
     np.testing.assert_allclose(found.std, once.std, rtol=0.2)
     for label, count in zip(rows.layout.outputs, map(len, rows.y), strict=True):
-        assert found.diagnostics["effective_rows"][label] == pytest.approx(count, rel=0.2)
+        assert found.diagnostics["effective_rows"][label] == pytest.approx(
+            count, rel=0.2
+        )
 
 
 def test_batches_refuse_what_they_cannot_judge() -> None:
     rows = serial()
     estimate = irls(rows.observation(), rows.units)
-    with pytest.raises(InputError, match="batch from 0 to 10 s: it holds all that the data say"):
+    with pytest.raises(
+        InputError, match="batch from 0 to 10 s: it holds all that the data say"
+    ):
         clustered(rows, estimate, seconds=10)
     with pytest.raises(InputError, match="positive number of seconds"):
         clustered(rows, estimate, seconds=0)
@@ -93,5 +113,8 @@ def test_batches_refuse_what_they_cannot_judge() -> None:
     W = np.column_stack([np.ones(60), np.arange(60) < 10])
     once = ArrayRows([W], [W @ [1.0, 2.0] + 0.1 * np.sin(np.arange(60))])
     fitted = ols(once.observation(), once.units)
-    with pytest.raises(InputError, match=r"arrays, batch from 0 to 0.01 s: without it .* combination of p2"):
+    with pytest.raises(
+        InputError,
+        match=r"arrays, batch from 0 to 0.01 s: without it .* combination of p2",
+    ):
         clustered(once, fitted, seconds=0.01)

@@ -72,7 +72,9 @@ def _huber(seed: int) -> tuple[Estimate, Floats]:
     return huber(ArrayRows(clean.matrices, y, columns=clean.layout.columns)), TRUTH
 
 
-def _blurred(seed: int, samples: int, size: float) -> tuple[ArrayRows, ArrayRows, Floats]:
+def _blurred(
+    seed: int, samples: int, size: float
+) -> tuple[ArrayRows, ArrayRows, Floats]:
     """Rows with errors in all columns, others with independent errors, and the truth."""
     rng, truth = np.random.default_rng(seed), np.array([1.0, 2.0, -0.5])
     W = rng.standard_normal((samples, 3))
@@ -82,7 +84,9 @@ def _blurred(seed: int, samples: int, size: float) -> tuple[ArrayRows, ArrayRows
 
 
 def _tls(seed: int) -> tuple[Estimate, Floats]:
-    rows, _, truth = _blurred(seed, 300, BLUR / np.sqrt(5.25))  # the same share of all columns and of y
+    rows, _, truth = _blurred(
+        seed, 300, BLUR / np.sqrt(5.25)
+    )  # the same share of all columns and of y
     return tls(rows.observation(), rows.units), truth
 
 
@@ -94,7 +98,9 @@ def _instrumental(seed: int) -> tuple[Estimate, Floats]:
 def _ridge(seed: int) -> tuple[Estimate, Floats]:
     """The truth is drawn from the prior, and the data leave one direction open."""
     rng = np.random.default_rng(seed)
-    W = rng.standard_normal((40, 4)) @ np.diag([1, 1, 1, 0]) + rng.standard_normal((40, 1)) @ np.array([[0, 1, 0, 1]])
+    W = rng.standard_normal((40, 4)) @ np.diag([1, 1, 1, 0]) + rng.standard_normal(
+        (40, 1)
+    ) @ np.array([[0, 1, 0, 1]])
     truth = 1.0 + 3.0 * rng.standard_normal(4) / np.linalg.norm(W, axis=0)
     rows = ArrayRows([W], [W @ truth + 0.5 * rng.standard_normal(40)])
     return ridge(rows.observation(), rows.units, np.ones(4), weight=1 / 9), truth
@@ -143,11 +149,16 @@ def _coloured(seed: int) -> ArrayRows:
     def slow() -> Floats:
         from scipy.signal import lfilter
 
-        filtered = lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(N + 500))
+        filtered = lfilter(
+            [np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(N + 500)
+        )
         return np.asarray(filtered[500:])
 
     W = [np.column_stack([np.ones(N), slow(), slow()]) for _ in range(2)]
-    y = [matrix @ [1.0, 2.0, -0.5] + s * slow() for matrix, s in zip(W, (1.0, 0.2), strict=True)]
+    y = [
+        matrix @ [1.0, 2.0, -0.5] + s * slow()
+        for matrix, s in zip(W, (1.0, 0.2), strict=True)
+    ]
     return ArrayRows(W, y)
 
 
@@ -170,15 +181,25 @@ def test_batches_tell_how_many_rows_count() -> None:
     found = []
     for seed in range(100):
         rows = _coloured(seed)
-        rest = [y - W[:, 1:] @ [2, -0.5] for y, W in zip(rows.y, rows.matrices, strict=True)]
+        rest = [
+            y - W[:, 1:] @ [2, -0.5] for y, W in zip(rows.y, rows.matrices, strict=True)
+        ]
         constant = ArrayRows([W[:, :1] for W in rows.matrices], rest)
         estimate = irls(constant.observation(), constant.units)
-        found.append(clustered(constant, estimate, seconds=0.3).diagnostics["inflation"]["joint2"])
+        found.append(
+            clustered(constant, estimate, seconds=0.3).diagnostics["inflation"][
+                "joint2"
+            ]
+        )
     assert np.mean(found) == pytest.approx((1 + a) / (1 - a), rel=0.15)
 
 
-@pytest.mark.parametrize(("noise", "least", "most"), [(0.3, 0.8, 1.2), (0.7, 0.8, 1.2), (1.5, 0.5, 1.2)])
-def test_tls_covariance_is_the_spread_of_its_values(noise: float, least: float, most: float) -> None:
+@pytest.mark.parametrize(
+    ("noise", "least", "most"), [(0.3, 0.8, 1.2), (0.7, 0.8, 1.2), (1.5, 0.5, 1.2)]
+)
+def test_tls_covariance_is_the_spread_of_its_values(
+    noise: float, least: float, most: float
+) -> None:
     """With errors in the columns, too.
 
     The columns' norms, which the sizes of the errors are taken from, vary with the values, so that these spread less
@@ -205,13 +226,22 @@ def test_hausman_rejects_as_often_as_it_should() -> None:
         W = rng.standard_normal((100, 3))
         y = W @ [1.0, 2.0, -0.5] + rng.standard_normal(100)
         instruments = ArrayRows([W + rng.standard_normal(W.shape)], [y])
-        found.append(instrumental(ArrayRows([W], [y]), instruments).diagnostics["hausman_probability"])
+        found.append(
+            instrumental(ArrayRows([W], [y]), instruments).diagnostics[
+                "hausman_probability"
+            ]
+        )
     assert kstest(found, "uniform").pvalue > 1e-3
 
 
 def test_noise_is_unbiased() -> None:
     """σ² of each output on average, even with few rows; dividing by N or N − n/m would not do."""
-    found = np.array([irls(rows.observation(), rows.units).noise ** 2 for rows in map(_serial, range(SEEDS))])
+    found = np.array(
+        [
+            irls(rows.observation(), rows.units).noise ** 2
+            for rows in map(_serial, range(SEEDS))
+        ]
+    )
     error = found.std(axis=0) / np.sqrt(SEEDS)
     assert (np.abs(found.mean(axis=0) - NOISE**2) < 4 * error).all()
     naive = found.mean(axis=0) * (1 - 3 / 30)

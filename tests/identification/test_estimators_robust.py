@@ -16,7 +16,10 @@ def spoilt(seed: int = 0, share: float = 0.05) -> ArrayRows:
     """Clean rows of which a share has errors of a hundred standard deviations, all in one direction."""
     rows = serial(seed, samples=400)
     rng = np.random.default_rng(seed + 1)
-    y = [some + 100 * s * (rng.random(len(some)) < share) for some, s in zip(rows.y, NOISE, strict=True)]
+    y = [
+        some + 100 * s * (rng.random(len(some)) < share)
+        for some, s in zip(rows.y, NOISE, strict=True)
+    ]
     return ArrayRows(rows.matrices, y, columns=rows.layout.columns)
 
 
@@ -56,12 +59,16 @@ def test_huber_solves_its_equations() -> None:
     sigma = estimate.noise[output]
     u = (y - W @ estimate.values) / sigma
     psi, inside = np.clip(u, -k, k), np.abs(u) <= k
-    np.testing.assert_allclose(W.T @ (psi / sigma), 0, atol=1e-6 * np.abs(W.T / sigma).sum(axis=1).max())
+    np.testing.assert_allclose(
+        W.T @ (psi / sigma), 0, atol=1e-6 * np.abs(W.T / sigma).sum(axis=1).max()
+    )
     V = W / sigma[:, None]
     leverage = np.einsum("ij,jk,ik->i", V, np.linalg.inv(V.T @ V), V)
     for i in range(3):
         mine = output == i
-        assert np.sum(psi[mine] ** 2) == pytest.approx(gaussian_square(k) * np.sum(1 - leverage[mine]), rel=1e-6)
+        assert np.sum(psi[mine] ** 2) == pytest.approx(
+            gaussian_square(k) * np.sum(1 - leverage[mine]), rel=1e-6
+        )
         share = estimate.diagnostics["downweighted"][f"joint{i + 1}"]
         assert share == pytest.approx(1 - inside[mine].mean())
 
@@ -73,13 +80,20 @@ def test_huber_covariance_is_the_asymptotic_formula() -> None:
     u = (y - W @ estimate.values) / estimate.noise[0]
     slope = np.mean(np.abs(u) <= k)
     correction = 1 + n / N * (1 - slope) / slope
-    spread = np.sum(np.clip(u, -k, k) ** 2) * estimate.noise[0] ** 2 / (N - n) / slope**2
-    np.testing.assert_allclose(estimate.covariance, correction**2 * spread * np.linalg.inv(W.T @ W), rtol=1e-6)
+    spread = (
+        np.sum(np.clip(u, -k, k) ** 2) * estimate.noise[0] ** 2 / (N - n) / slope**2
+    )
+    np.testing.assert_allclose(
+        estimate.covariance, correction**2 * spread * np.linalg.inv(W.T @ W), rtol=1e-6
+    )
 
 
 def test_huber_with_a_large_clip_is_irls() -> None:
     rows = serial()
-    wide, plain = huber(rows, clip=50.0, tolerance=1e-10), irls(rows.observation(), rows.units)
+    wide, plain = (
+        huber(rows, clip=50.0, tolerance=1e-10),
+        irls(rows.observation(), rows.units),
+    )
     assert_same(wide, plain, 1e-7)
     assert set(wide.diagnostics["downweighted"].values()) == {0.0}
 
@@ -88,8 +102,12 @@ def test_huber_of_gaussian_noise() -> None:
     rows = serial(samples=3000)
     robust, plain = huber(rows), irls(rows.observation(), rows.units)
     np.testing.assert_allclose(robust.noise, plain.noise, rtol=0.03)
-    np.testing.assert_allclose((plain.std / robust.std) ** 2, 0.95, atol=0.05)  # the efficiency of k = 1.345
-    np.testing.assert_allclose(list(robust.diagnostics["downweighted"].values()), 0.179, atol=0.02)
+    np.testing.assert_allclose(
+        (plain.std / robust.std) ** 2, 0.95, atol=0.05
+    )  # the efficiency of k = 1.345
+    np.testing.assert_allclose(
+        list(robust.diagnostics["downweighted"].values()), 0.179, atol=0.02
+    )
 
 
 def test_huber_says_when_it_has_not_converged() -> None:

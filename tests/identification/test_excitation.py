@@ -29,29 +29,41 @@ def pendulum() -> ec.BaseModel:
     return ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
 
 
-def swings(base: ec.BaseModel, first: float, second: float, noise: float = 0.0) -> ec.Observation:
+def swings(
+    base: ec.BaseModel, first: float, second: float, noise: float = 0.0
+) -> ec.Observation:
     """A log in which the joints swing with the given amplitudes."""
     t = np.linspace(0, 10, 500)
     amplitude, rate = np.array([first, second]), np.array([2.0, 3.1])
     phase = np.outer(t, rate)
     state = {"q": amplitude * np.sin(phase), "qd": amplitude * rate * np.cos(phase)}
     state["qdd"] = -(rate**2) * state["q"]
-    y = base.predict(*state.values(), np.arange(1.0, 7.0)) + noise * np.random.default_rng(1).normal(size=(500, 2))
+    y = base.predict(
+        *state.values(), np.arange(1.0, 7.0)
+    ) + noise * np.random.default_rng(1).normal(size=(500, 2))
     return base.accumulate({**state, "y": y})
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 1000), st.integers(2, 6))
-def test_independent_share_is_the_share_that_other_columns_do_not_explain(seed: int, n: int) -> None:
-    W = np.random.default_rng(seed).normal(size=(40, 1, n)) @ np.random.default_rng(seed + 1).normal(size=(n, n))
+def test_independent_share_is_the_share_that_other_columns_do_not_explain(
+    seed: int, n: int
+) -> None:
+    W = np.random.default_rng(seed).normal(size=(40, 1, n)) @ np.random.default_rng(
+        seed + 1
+    ).normal(size=(n, n))
     found = conditioning(observed(W))
     A = W[:, 0]
     for j in range(n):
         others = np.delete(A, j, axis=1)
         rest = A[:, j] - others @ np.linalg.lstsq(others, A[:, j], rcond=None)[0]
-        assert found.independent_share[j] == pytest.approx(np.linalg.norm(rest) / np.linalg.norm(A[:, j]), rel=1e-6)
+        assert found.independent_share[j] == pytest.approx(
+            np.linalg.norm(rest) / np.linalg.norm(A[:, j]), rel=1e-6
+        )
     scaled = A / np.linalg.norm(A, axis=0)
-    np.testing.assert_allclose(found.singular_values, np.linalg.svd(scaled)[1], rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(
+        found.singular_values, np.linalg.svd(scaled)[1], rtol=1e-9, atol=1e-13
+    )
     assert found.condition == pytest.approx(np.linalg.cond(A), rel=1e-6)
     assert found.rank == n
 
@@ -61,13 +73,19 @@ def test_independent_share_of_two_columns_is_the_sine_of_their_angle() -> None:
     W = np.zeros((3, 1, 3))
     W[:, 0] = [[1, np.cos(angle), 0], [0, np.sin(angle), 0], [0, 0, 7]]
     found = conditioning(observed(W))
-    np.testing.assert_allclose(found.independent_share, [np.sin(angle), np.sin(angle), 1], rtol=1e-10)
+    np.testing.assert_allclose(
+        found.independent_share, [np.sin(angle), np.sin(angle), 1], rtol=1e-10
+    )
     # singular values of two unit vectors are √(1 ± cos)
-    np.testing.assert_allclose(found.singular_values[[0, -1]], np.sqrt([1 + np.cos(angle), 1 - np.cos(angle)]))
+    np.testing.assert_allclose(
+        found.singular_values[[0, -1]], np.sqrt([1 + np.cos(angle), 1 - np.cos(angle)])
+    )
     assert not found.weak
     W[:2, 0, 1] = [np.cos(0.01), np.sin(0.01)]
     (weak,) = conditioning(observed(W)).weak
-    assert weak.singular_value == pytest.approx(np.tan(0.005), rel=1e-6)  # √((1 − cos)/(1 + cos))
+    assert weak.singular_value == pytest.approx(
+        np.tan(0.005), rel=1e-6
+    )  # √((1 − cos)/(1 + cos))
     assert {name for name, _ in weak.weights} == {"p1", "p2"}
     assert sum(share for _, share in weak.weights) == pytest.approx(0, abs=1e-6)
 
@@ -78,13 +96,17 @@ def test_scale_of_columns_and_order_of_outputs_do_not_matter() -> None:
     W[:, :, 3] = W[:, :, 2] + 1e-3 * W[:, :, 3]
     scale = np.array([1e-6, 1.0, 1e4, 1e-3])
     plain, scaled = conditioning(observed(W)), conditioning(observed(W * scale))
-    np.testing.assert_allclose(plain.independent_share, scaled.independent_share, rtol=1e-6)
-    (first,), (second,) = plain.weak, scaled.weak
-    assert dict(first.weights) == pytest.approx(dict(second.weights), rel=1e-6) or dict(first.weights) == pytest.approx(
-        {name: -share for name, share in second.weights}, rel=1e-6
+    np.testing.assert_allclose(
+        plain.independent_share, scaled.independent_share, rtol=1e-6
     )
+    (first,), (second,) = plain.weak, scaled.weak
+    assert dict(first.weights) == pytest.approx(dict(second.weights), rel=1e-6) or dict(
+        first.weights
+    ) == pytest.approx({name: -share for name, share in second.weights}, rel=1e-6)
     swapped = conditioning(observed(W[:, ::-1]))
-    np.testing.assert_allclose(plain.singular_values, swapped.singular_values, rtol=1e-9)
+    np.testing.assert_allclose(
+        plain.singular_values, swapped.singular_values, rtol=1e-9
+    )
 
 
 def test_noise_makes_a_direction_weak_that_is_not_ill_conditioned() -> None:
@@ -102,7 +124,9 @@ def test_an_open_direction_is_given_with_its_combination() -> None:
     assert found.scaled_condition == np.inf
     first, second = found.weak
     # p1 and p3 in columns of norm 1: the data see p1 + 2·p3 only
-    assert {name: round(share, 6) for name, share in first.weights} in ({"p1": 0.707107, "p3": -0.707107},)
+    assert {name: round(share, 6) for name, share in first.weights} in (
+        {"p1": 0.707107, "p3": -0.707107},
+    )
     assert second.weights == (("p4", 1.0),)
     assert list(found.independent_share > 0) == [False, True, False, False]
     assert "do not tell p1 and p3 apart" in first.advice
@@ -173,15 +197,24 @@ def test_loops_get_advice() -> None:
     base = ec.base_parameters(four_bar())
     x = np.linspace(0.9, 1.1, 30)[:, None]
     y = np.zeros((30, len(base.mechanism.outputs)))
-    found = conditioning(base.accumulate({"q": x, "qd": 0 * x, "qdd": 0 * x, "y": y}), base=base)
+    found = conditioning(
+        base.accumulate({"q": x, "qd": 0 * x, "qdd": 0 * x, "y": y}), base=base
+    )
     assert found.rank < base.rank
-    assert all(d.advice.endswith("faster and with larger accelerations") for d in found.weak)
+    assert all(
+        d.advice.endswith("faster and with larger accelerations") for d in found.weak
+    )
 
 
 def test_balls_get_advice() -> None:
     base = ec.base_parameters(spherical("0 0 -9.81"))
     N = 5
-    log = {"q": np.tile([1.0, 0, 0, 0], (N, 1)), "qd": np.zeros((N, 3)), "qdd": np.zeros((N, 3)), "y": np.zeros((N, 3))}
+    log = {
+        "q": np.tile([1.0, 0, 0, 0], (N, 1)),
+        "qd": np.zeros((N, 3)),
+        "qdd": np.zeros((N, 3)),
+        "y": np.zeros((N, 3)),
+    }
     found = conditioning(base.accumulate(log), base=base)
     assert found.weak
     assert all("move" in d.advice for d in found.weak)

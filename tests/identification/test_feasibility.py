@@ -15,11 +15,24 @@ import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.physics.bounds import Roles, roles
-from echelon.identification.physics.feasibility import feasibility, nearest_physical, sizes_of
+from echelon.identification.physics.feasibility import (
+    feasibility,
+    nearest_physical,
+    sizes_of,
+)
 from support.physical_robots import is_physical, robot
 
 seeds = st.integers(0, 2**32 - 1)
-NAMES = ("double_pendulum", "cart_pole", "furuta", "scara", "puma560", "panda", "tx40", "floating_tree")
+NAMES = (
+    "double_pendulum",
+    "cart_pole",
+    "furuta",
+    "scara",
+    "puma560",
+    "panda",
+    "tx40",
+    "floating_tree",
+)
 
 
 @cache
@@ -34,7 +47,8 @@ def outside(base: BaseModel, role: Roles, rng: np.random.Generator) -> np.ndarra
     sure = [
         k
         for k, p in enumerate(base.matrix.pivots)
-        if p in role.positive or (base.mechanism.columns[p].kind in (0, 3, 5, 9) and _all_positive(base, k))
+        if p in role.positive
+        or (base.mechanism.columns[p].kind in (0, 3, 5, 9) and _all_positive(base, k))
     ]
     values[rng.choice(sure)] *= -3
     return values
@@ -42,7 +56,11 @@ def outside(base: BaseModel, role: Roles, rng: np.random.Generator) -> np.ndarra
 
 def _all_positive(base: BaseModel, k: int) -> bool:
     """Whether a base parameter is a sum of moments of inertia and masses with positive factors."""
-    kinds = [(base.mechanism.columns[c].kind, v) for c, v in enumerate(base.B_float()[k]) if v]
+    kinds = [
+        (base.mechanism.columns[c].kind, v)
+        for c, v in enumerate(base.B_float()[k])
+        if v
+    ]
     return all(kind in (0, 3, 5, 9, None) and v > 0 for kind, v in kinds)
 
 
@@ -55,7 +73,12 @@ def test_robots_that_exist_are_found(seed: int, name: str) -> None:
     assert found.feasible is True
     assert found.distance == 0
     assert found.standard is not None
-    assert np.allclose(base.values(found.standard), values, rtol=1e-9, atol=1e-12 * np.abs(values).max())
+    assert np.allclose(
+        base.values(found.standard),
+        values,
+        rtol=1e-9,
+        atol=1e-12 * np.abs(values).max(),
+    )
     assert (found.standard[list(role.positive)] >= 0).all()
     assert is_physical(role.blocks(found.standard)).all()
 
@@ -73,11 +96,15 @@ def test_values_that_no_robot_has_are_told(seed: int, name: str) -> None:
     # robots form a convex cone, so the way to the nearest one separates the values from all of them
     size = sizes_of(base, values)
     separator = (found.nearest - values) / size**2
-    assert found.distance == pytest.approx(np.linalg.norm((found.nearest - values) / size))
+    assert found.distance == pytest.approx(
+        np.linalg.norm((found.nearest - values) / size)
+    )
     assert separator @ values < 0
     for _ in range(20):
         other = base.values(robot(role, rng))
-        assert separator @ other > -1e-3 * np.linalg.norm(separator * size) * np.linalg.norm(other / size)
+        assert separator @ other > -1e-3 * np.linalg.norm(
+            separator * size
+        ) * np.linalg.norm(other / size)
 
 
 def test_the_nearest_robot_of_a_cart_has_no_mass() -> None:
@@ -107,7 +134,10 @@ def test_where_the_nearest_robot_is_the_answer_turns(name: str) -> None:
     towards = [beyond.nearest + s * (inner - beyond.nearest) for s in (0.01, 0.5)]
     assert [feasibility(base, v).feasible for v in towards] == [True, True]
     # a segment from inside to outside leaves the robots once
-    answers = [feasibility(base, inner + s * (values - inner)).feasible for s in np.linspace(0, 1, 11)]
+    answers = [
+        feasibility(base, inner + s * (values - inner)).feasible
+        for s in np.linspace(0, 1, 11)
+    ]
     last = max(k for k, a in enumerate(answers) if a)
     assert answers[: last + 1] == [True] * (last + 1)
     assert all(a is not True for a in answers[last + 1 :])
@@ -162,7 +192,10 @@ outputs: [{wrench: j3}, {joint: j2}]
 }
 
 
-@pytest.mark.parametrize("name", ["rotor", "wrist", "loops/four_bar", "loops/parallelogram", "gripper_coupled"])
+@pytest.mark.parametrize(
+    "name",
+    ["rotor", "wrist", "loops/four_bar", "loops/parallelogram", "gripper_coupled"],
+)
 def test_all_kinds_of_set_ups(tmp_path: Path, name: str) -> None:
     if name in OTHERS:
         file = tmp_path / f"{name}.yaml"

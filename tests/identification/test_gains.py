@@ -42,7 +42,9 @@ def six() -> Truth:
 @pytest.fixture(scope="module")
 def three() -> Truth:
     rows = ("R 0 0 0", "R -pi/2 0 0", "R 0 a2 0")
-    return truth(modified_dh("elbow", *rows, values={"a2": "0.4", "g": "9.81"}), "link3")
+    return truth(
+        modified_dh("elbow", *rows, values={"a2": "0.4", "g": "9.81"}), "link3"
+    )
 
 
 # -- the payload's columns --------------------------------------------------------------------------------------------
@@ -57,7 +59,9 @@ def test_a_payload_adds_to_the_body_that_carries_it(six: Truth) -> None:
     extra[place : place + 10] = LOAD
     zeros = {name: np.zeros(20) for name in six.base.mechanism.velocities}
     expected = six.base.predict(q, qd, qdd, six.base.values(extra), inputs=zeros)
-    np.testing.assert_allclose(six.load.predict(q, qd, qdd, six.load_values), expected, atol=1e-10)
+    np.testing.assert_allclose(
+        six.load.predict(q, qd, qdd, six.load_values), expected, atol=1e-10
+    )
     assert six.load.rank == 10
 
 
@@ -67,7 +71,9 @@ def test_unknown_parameters_come_first(six: Truth) -> None:
     assert load.pivots[-1] == "M_payload"
     assert payload.known_values(load) == {"M_payload": 4.9}
     some = Payload("link6", {"MZ": 0.34, "M": 4.9})
-    assert some.known_values(some.base(six.base)) == pytest.approx({"MZ_payload": 0.34, "M_payload": 4.9})
+    assert some.known_values(some.base(six.base)) == pytest.approx(
+        {"MZ_payload": 0.34, "M_payload": 4.9}
+    )
 
 
 def test_rows_of_robot_and_payload_stand_side_by_side(three: Truth) -> None:
@@ -88,13 +94,21 @@ def test_rows_of_robot_and_payload_stand_side_by_side(three: Truth) -> None:
 
 @pytest.mark.parametrize("known", ["all", "mass"])
 def test_without_noise_everything_is_recovered(six: Truth, known: str) -> None:
-    payload = Payload.of("link6", LOAD) if known == "all" else Payload("link6", {"M": LOAD[-1]})
+    payload = (
+        Payload.of("link6", LOAD)
+        if known == "all"
+        else Payload("link6", {"M": LOAD[-1]})
+    )
     free, loaded = six.observations(0, 0.0, payload)
     found = drive_gains(six.base, free, loaded, payload)
     np.testing.assert_allclose(found.gains, six.gains, rtol=1e-5)
-    np.testing.assert_allclose(found.estimate.values[: six.base.rank], six.values, rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(
+        found.estimate.values[: six.base.rank], six.values, rtol=1e-3, atol=1e-4
+    )
     load = payload.base(six.base)
-    np.testing.assert_allclose(found.estimate.values[six.base.rank :], load.values(LOAD), rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(
+        found.estimate.values[six.base.rank :], load.values(LOAD), rtol=1e-3, atol=1e-4
+    )
     assert not found.unclear
     assert "link6" in found.scale
 
@@ -107,8 +121,13 @@ def test_gains_are_recovered_from_noisy_currents(six: Truth) -> None:
     error = (found.gains - six.gains) / found.std
     assert np.abs(error).max() < 4
     runs = [six.run(2, 0.02, loaded=False), six.run(3, 0.02, loaded=True)]
-    squares = [np.mean([np.mean(run.inputs[name] ** 2) for run in runs]) for name in six.base.mechanism.velocities]
-    np.testing.assert_allclose(found.estimate.diagnostics["current_noise"], 0.02 * np.sqrt(squares), rtol=0.05)
+    squares = [
+        np.mean([np.mean(run.inputs[name] ** 2) for run in runs])
+        for name in six.base.mechanism.velocities
+    ]
+    np.testing.assert_allclose(
+        found.estimate.diagnostics["current_noise"], 0.02 * np.sqrt(squares), rtol=0.05
+    )
 
 
 @pytest.mark.slow
@@ -128,7 +147,9 @@ def test_intervals_cover_at_their_rate(three: Truth) -> None:
 
 
 def test_one_known_gain_or_parameter_fixes_the_scale(three: Truth) -> None:
-    free = ModelRows.of(three.base, [with_zeros(three.base, three.run(5, 0.01, loaded=False))])
+    free = ModelRows.of(
+        three.base, [with_zeros(three.base, three.run(5, 0.01, loaded=False))]
+    )
     found = drive_gains(three.base, free, known={"Kt1": three.gains[0]})
     np.testing.assert_allclose(found.gains, three.gains, rtol=0.05)
     assert found.std[0] == 0
@@ -140,7 +161,9 @@ def test_one_known_gain_or_parameter_fixes_the_scale(three: Truth) -> None:
     np.testing.assert_allclose(by_mass.gains, three.gains, rtol=0.05)
     twice = drive_gains(three.base, free, known={name: 2 * value})
     np.testing.assert_allclose(twice.gains, 2 * by_mass.gains, rtol=1e-6)
-    np.testing.assert_allclose(twice.estimate.values, 2 * by_mass.estimate.values, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(
+        twice.estimate.values, 2 * by_mass.estimate.values, rtol=1e-4, atol=1e-6
+    )
 
 
 def test_gains_of_coupled_drives() -> None:
@@ -152,9 +175,14 @@ def test_gains_of_coupled_drives() -> None:
         "modified_dh": [{"joint": "revolute"}, row],
         "gravity": [0, "-9.81", 0],
         "actuators": {"a": "30*j1 + 20*j2", "b": "-10*j1 + 50*j2"},
-        "effects": [{"type": "viscous", "at": "all"}, {"type": "drive_gain", "at": ["a", "b"]}],
+        "effects": [
+            {"type": "viscous", "at": "all"},
+            {"type": "drive_gain", "at": ["a", "b"]},
+        ],
     }
-    base = ec.base_parameters(read_description(json.dumps(data), "differential", ReadingOptions()))
+    base = ec.base_parameters(
+        read_description(json.dumps(data), "differential", ReadingOptions())
+    )
     names = gain_names(base)
     assert len(names) == 2
     payload = Payload.of(base.mechanism.bodies[1].name, LOAD)
@@ -165,7 +193,9 @@ def test_gains_of_coupled_drives() -> None:
     runs = []
     for seed in (0, 1):
         q, qd, qdd = np.random.default_rng(seed).normal(size=(3, 200, 2))
-        torque = base.predict(q, qd, qdd, values, inputs={"a": np.zeros(200), "b": np.zeros(200)})
+        torque = base.predict(
+            q, qd, qdd, values, inputs={"a": np.zeros(200), "b": np.zeros(200)}
+        )
         torque = torque + seed * load.predict(q, qd, qdd, load.values(LOAD))
         currents = dict(zip("ab", (torque / gains).T, strict=True))
         runs.append(Samples("run", 0.0, 100.0, q, qd, qdd, None, currents))
@@ -179,33 +209,65 @@ def test_gains_of_coupled_drives() -> None:
 
 
 def test_without_anything_known_only_ratios_are_seen(three: Truth) -> None:
-    free = ModelRows.of(three.base, [with_zeros(three.base, three.run(5, 0.01, loaded=False))])
-    with pytest.raises(ec.InputError, match="only ratios of Kt1, Kt2, Kt3 and the masses"):
+    free = ModelRows.of(
+        three.base, [with_zeros(three.base, three.run(5, 0.01, loaded=False))]
+    )
+    with pytest.raises(
+        ec.InputError, match="only ratios of Kt1, Kt2, Kt3 and the masses"
+    ):
         drive_gains(three.base, free)
 
 
 def test_a_drive_that_shares_nothing_has_its_own_scale() -> None:
     """Parallel slides: the load on one says nothing of the other."""
-    arm = tree("slides", *(body(k, 0, "prismatic", translation(f"q{k}", k - 1)) for k in (1, 2)), values={"g": "9.81"})
-    effects = [e for k in (1, 2) for e in ready_made("drive_gain", f"q{k}", Side.ACTUATOR, str(k), sliding=True)]
+    arm = tree(
+        "slides",
+        *(body(k, 0, "prismatic", translation(f"q{k}", k - 1)) for k in (1, 2)),
+        values={"g": "9.81"},
+    )
+    effects = [
+        e
+        for k in (1, 2)
+        for e in ready_made("drive_gain", f"q{k}", Side.ACTUATOR, str(k), sliding=True)
+    ]
     base = ec.base_parameters(replace(arm, effects=tuple(effects)))
     rng = np.random.default_rng(2)
     qdd = rng.normal(size=(30, 2))
-    samples = Samples("run", 0.0, 10.0, qdd, qdd, qdd, None, {"q1": 3 * qdd[:, 0], "q2": 2 * qdd[:, 1]})
+    samples = Samples(
+        "run",
+        0.0,
+        10.0,
+        qdd,
+        qdd,
+        qdd,
+        None,
+        {"q1": 3 * qdd[:, 0], "q2": 2 * qdd[:, 1]},
+    )
     heavier = replace(samples, inputs={"q1": 4 * qdd[:, 0], "q2": 2 * qdd[:, 1]})
     free = ModelRows.of(base, [with_zeros(base, samples)])
     payload = Payload("link1", {"M": 5.0})
     with pytest.raises(ec.InputError, match="only ratios of Kt2 and the masses"):
         drive_gains(base, free, loaded_rows(base, payload, [heavier]), payload)
     # the mass 3 K, with five kilograms more 4 K
-    found = drive_gains(base, free, loaded_rows(base, payload, [heavier]), payload, known={"Kt2": 2.0})
+    found = drive_gains(
+        base, free, loaded_rows(base, payload, [heavier]), payload, known={"Kt2": 2.0}
+    )
     np.testing.assert_allclose(found.estimate.values, [15, 4, 5, 2, 5], rtol=1e-9)
 
 
 def test_a_mass_that_no_output_tells_from_the_unknown_is_refused() -> None:
     """A load on a vertical axis shows its moment of inertia alone."""
-    base = ec.base_parameters(with_drives(modified_dh("turntable", "R 0 0 0", values={"g": "9.81"})))
-    samples = Samples("run", 0.0, 1.0, *np.random.default_rng(0).normal(size=(3, 20, 1)), None, {"q1": np.ones(20)})
+    base = ec.base_parameters(
+        with_drives(modified_dh("turntable", "R 0 0 0", values={"g": "9.81"}))
+    )
+    samples = Samples(
+        "run",
+        0.0,
+        1.0,
+        *np.random.default_rng(0).normal(size=(3, 20, 1)),
+        None,
+        {"q1": np.ones(20)},
+    )
     free = ModelRows.of(base, [with_zeros(base, samples)])
     payload = Payload("link1", {"M": 5.0})
     with pytest.raises(ec.InputError, match="cannot be separated"):
@@ -216,13 +278,21 @@ def test_currents_given_as_outputs_too_are_refused(three: Truth) -> None:
     samples = three.run(5, 0.01, loaded=False)
     twice = replace(samples, y=np.stack(list(samples.inputs.values()), axis=1))
     with pytest.raises(ec.InputError, match=r"output 'q1': .*must be zero"):
-        drive_gains(three.base, ModelRows.of(three.base, [twice]), known={"Kt1": 1.0, "Kt2": 1.0})
+        drive_gains(
+            three.base,
+            ModelRows.of(three.base, [twice]),
+            known={"Kt1": 1.0, "Kt2": 1.0},
+        )
 
 
-def test_currents_without_relation_to_the_motion_have_unclear_gains(three: Truth) -> None:
+def test_currents_without_relation_to_the_motion_have_unclear_gains(
+    three: Truth,
+) -> None:
     samples = three.run(5, 0.01, loaded=False)
     rng = np.random.default_rng(9)
-    strange = replace(samples, inputs={**samples.inputs, "q3": rng.normal(size=len(samples))})
+    strange = replace(
+        samples, inputs={**samples.inputs, "q3": rng.normal(size=len(samples))}
+    )
     free = ModelRows.of(three.base, [with_zeros(three.base, strange)])
     try:
         found = drive_gains(three.base, free, known={"Kt1": three.gains[0]})
@@ -236,7 +306,10 @@ def test_currents_without_relation_to_the_motion_have_unclear_gains(three: Truth
     ("call", "message"),
     [
         (lambda t, o: drive_gains(t.base, o, o), "belong together"),
-        (lambda t, o: drive_gains(t.base, o, o, Payload.of("link3", LOAD)), "loaded_rows"),
+        (
+            lambda t, o: drive_gains(t.base, o, o, Payload.of("link3", LOAD)),
+            "loaded_rows",
+        ),
         (lambda t, o: drive_gains(t.base, o, known={"Kt9": 1.0}), "Kt9"),
         (lambda t, o: drive_gains(t.load, o), "no drive gains"),
         (lambda t, _: Payload.of("link9", LOAD).base(t.base), "no body 'link9'"),
@@ -270,7 +343,9 @@ def written(samples: Samples, path: Path) -> Path:
     """A log of positions and currents."""
     t = np.arange(len(samples)) / samples.rate
     columns = {"t": t, **{f"q{k + 1}": q for k, q in enumerate(samples.q.T)}}
-    columns |= {f"i{k + 1}": current for k, current in enumerate(samples.inputs.values())}
+    columns |= {
+        f"i{k + 1}": current for k, current in enumerate(samples.inputs.values())
+    }
     np.savez(path, **columns)
     return path
 
@@ -284,10 +359,15 @@ def test_gains_from_logs(three: Truth, tmp_path: Path) -> None:
     )
     setup = Setup("elbow.yaml", three.base.mechanism, (columns,))
     free, carrying = (
-        written(three.run(seed, 1e-3, loaded=loaded, count=4000), tmp_path / f"run{seed}.npz")
+        written(
+            three.run(seed, 1e-3, loaded=loaded, count=4000),
+            tmp_path / f"run{seed}.npz",
+        )
         for seed, loaded in ((1, False), (2, True))
     )
-    found = ec.gains_from_logs(setup, [free], [carrying], ec.Payload("link3", {"M": LOAD[9]}))
+    found = ec.gains_from_logs(
+        setup, [free], [carrying], ec.Payload("link3", {"M": LOAD[9]})
+    )
     assert found.drives == gain_names(three.base)
     np.testing.assert_allclose(found.gains, three.gains, rtol=0.02)
     with pytest.raises(ec.InputError, match="give both or neither"):
@@ -296,36 +376,66 @@ def test_gains_from_logs(three: Truth, tmp_path: Path) -> None:
         ec.gains_from_logs(setup, [free])
 
 
-@pytest.mark.parametrize(("robot", "wrong", "factor"), [("cart_pole", "pole", 7.0), ("scara", "forearm", 50.0)])
-def test_one_output_of_few_contradicts_the_others(robot: str, wrong: str, factor: float) -> None:
+@pytest.mark.parametrize(
+    ("robot", "wrong", "factor"),
+    [("cart_pole", "pole", 7.0), ("scara", "forearm", 50.0)],
+)
+def test_one_output_of_few_contradicts_the_others(
+    robot: str, wrong: str, factor: float
+) -> None:
     """Two outputs are enough, and outputs that share nothing with the others are left out."""
     base = ec.base_parameters(ec.load(EXAMPLES / f"{robot}.yaml"))
-    rng, names = np.random.default_rng(3), [output.name for output in base.mechanism.outputs]
+    rng, names = (
+        np.random.default_rng(3),
+        [output.name for output in base.mechanism.outputs],
+    )
     q, qd, qdd = rng.normal(size=(3, 400, len(names)))
     y = base.predict(q, qd, qdd, base.values(rng.uniform(0.5, 2, len(base.parameters))))
     y += 0.01 * y.std(axis=0) * rng.normal(size=y.shape)
 
     def apart(values: np.ndarray) -> dict[str, float]:
-        states = States.of([Samples("", 0.0, 100.0, q, qd, qdd, values)], np.inf, base, np.zeros(base.rank))
-        judge = Judge(base, states, Readings(base, states, ColumnMap(), velocities=True), doubtful=False)
-        return {some.places[0]: 1 / some.size for some in judge.run() if some.kind is Kind.GAIN}
+        states = States.of(
+            [Samples("", 0.0, 100.0, q, qd, qdd, values)],
+            np.inf,
+            base,
+            np.zeros(base.rank),
+        )
+        judge = Judge(
+            base,
+            states,
+            Readings(base, states, ColumnMap(), velocities=True),
+            doubtful=False,
+        )
+        return {
+            some.places[0]: 1 / some.size
+            for some in judge.run()
+            if some.kind is Kind.GAIN
+        }
 
     assert apart(y) == {}
     found = apart(y / np.where(np.array(names) == wrong, factor, 1.0))
     assert found == {wrong: pytest.approx(factor, rel=0.1)}
 
 
-def test_currents_that_are_given_as_torques_contradict_each_other(tmp_path: Path) -> None:
+def test_currents_that_are_given_as_torques_contradict_each_other(
+    tmp_path: Path,
+) -> None:
     """Drives of different gains: each would need inertias of its own."""
     system, constants = SYSTEMS["arm"], np.array([3.0, 2.5, 1.2, 0.5, 0.3])
     motion = motion_of(system)
     setup = system.load(tmp_path).with_settings(physical=False)
-    log = system.log(replace(motion, y=motion.y / constants), tmp_path / "run", setup.mechanism)
+    log = system.log(
+        replace(motion, y=motion.y / constants), tmp_path / "run", setup.mechanism
+    )
     result = ec.identify(setup, [log])
     (found,) = (f for f in result.findings if f.kind == "gains")
     assert "outputs are in units of their own" in result.verdict.split(": ", 1)[1]
-    assert any("outputs are in units of their own" in reason for reason in result.reasons)
+    assert any(
+        "outputs are in units of their own" in reason for reason in result.reasons
+    )
     factors = dict(re.findall(r"(j\d): ([\d.]+)", found.text))
     assert {"j1", "j2", "j4", "j5"} == {*factors}
-    np.testing.assert_allclose([float(f) for f in factors.values()], (constants / 1.2)[[0, 1, 3, 4]], rtol=0.15)
+    np.testing.assert_allclose(
+        [float(f) for f in factors.values()], (constants / 1.2)[[0, 1, 3, 4]], rtol=0.15
+    )
     assert "{type: drive_gain, at: all}" in found.text

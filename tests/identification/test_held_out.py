@@ -42,9 +42,13 @@ class Problem:
     def rows(self) -> list[OutputRows]:
         """Rows of each output that are fitted."""
         found = []
-        for columns, table, some in zip(COLUMNS, self.tables, self.fitted.T, strict=True):
+        for columns, table, some in zip(
+            COLUMNS, self.tables, self.fitted.T, strict=True
+        ):
             ends = [int(np.sum(some & (blocks() <= block))) for block in range(BLOCKS)]
-            parts = tuple(slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False))
+            parts = tuple(
+                slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)
+            )
             found.append(OutputRows(columns, table[some], some, parts))
         return found
 
@@ -61,7 +65,9 @@ class Problem:
         for first, term in zip((SIZE, SIZE + 2), self.terms, strict=True):
             if output in term:
                 full[:, first : first + term[output].shape[1]] = term[output]
-        return full[:, [*range(SIZE), *(SIZE + c for c in chosen)]], self.tables[output][:, -1]
+        return full[:, [*range(SIZE), *(SIZE + c for c in chosen)]], self.tables[
+            output
+        ][:, -1]
 
     def refitted(self, block: int, chosen: list[int]) -> Floats:
         """Parameters by least squares on the rows of all blocks but one, divided by the noise."""
@@ -71,7 +77,9 @@ class Problem:
             some = self.fitted[:, output] & (blocks() != block)
             rows.append(W[some] / np.sqrt(noise))
             right.append(y[some] / np.sqrt(noise))
-        return np.asarray(np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0])
+        return np.asarray(
+            np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
+        )
 
     def left(self, chosen: list[int]) -> Floats:
         """Squares of residuals of each block by the refit to the others, shape (blocks, outputs)."""
@@ -101,7 +109,11 @@ def problem() -> Problem:
     for output, columns in enumerate(COLUMNS):
         W = rng.normal(size=(COUNT, len(columns)))
         y = W @ (1.0 + columns) + rng.normal(size=COUNT) * np.sqrt(NOISE[output])
-        y += sum(term[output] @ np.full(term[output].shape[1], 0.7) for term in (one, other) if output in term)
+        y += sum(
+            term[output] @ np.full(term[output].shape[1], 0.7)
+            for term in (one, other)
+            if output in term
+        )
         tables.append(np.column_stack([W, y]))
     return Problem(tuple(tables), fitted, (one, other))
 
@@ -121,7 +133,9 @@ def test_squares_without_columns_are_those_of_refits(problem: Problem) -> None:
 @pytest.mark.parametrize("chosen", [[0], [1, 2], [0, 1, 2]])
 def test_sizes_are_means_of_refits(problem: Problem, chosen: list[int]) -> None:
     refits = [problem.refitted(block, chosen)[SIZE:] for block in range(BLOCKS)]
-    np.testing.assert_allclose(problem.beside.sizes(chosen), np.mean(refits, axis=0), rtol=RIDGE)
+    np.testing.assert_allclose(
+        problem.beside.sizes(chosen), np.mean(refits, axis=0), rtol=RIDGE
+    )
 
 
 def test_new_is_what_projections_leave(problem: Problem) -> None:
@@ -130,8 +144,14 @@ def test_new_is_what_projections_leave(problem: Problem) -> None:
         shares = []
         for block in range(BLOCKS):
             pairs = [problem.whole(output, [column])[0] for output in range(len(NOISE))]
-            keeps = [problem.fitted[:, output] & (blocks() != block) for output in range(len(NOISE))]
-            parts = [W[some] / np.sqrt(noise) for W, some, noise in zip(pairs, keeps, NOISE, strict=True)]
+            keeps = [
+                problem.fitted[:, output] & (blocks() != block)
+                for output in range(len(NOISE))
+            ]
+            parts = [
+                W[some] / np.sqrt(noise)
+                for W, some, noise in zip(pairs, keeps, NOISE, strict=True)
+            ]
             stacked = np.concatenate(parts)
             W, x = stacked[:, :-1], stacked[:, -1]
             left = x - W @ np.linalg.lstsq(W, x, rcond=None)[0]
@@ -144,5 +164,7 @@ def test_column_of_the_model_is_not_new(problem: Problem) -> None:
     """Nothing is left of a term that the model's own parameter 4 says, which acts on one output alone."""
     known = problem.tables[1][:, [0]]
     rows, states = problem.rows, problem.states
-    beside = Beside(HeldOut(Products.of(SIZE, rows), NOISE), rows, states, [{1: 3 * known}])
+    beside = Beside(
+        HeldOut(Products.of(SIZE, rows), NOISE), rows, states, [{1: 3 * known}]
+    )
     assert beside.new[0] < RIDGE

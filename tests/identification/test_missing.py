@@ -22,13 +22,26 @@ VALUES = {"Fv": 2.0, "Fc": 1.5, "Fo": 0.3, "Ia": 0.3}
 
 
 def missing(
-    planted: str, values: dict[str, float], folder: Path, *, warm: bool = False, harmonics: int = 8, digits: int = 18
+    planted: str,
+    values: dict[str, float],
+    folder: Path,
+    *,
+    warm: bool = False,
+    harmonics: int = 8,
+    digits: int = 18,
 ) -> list[Finding]:
     """What is said of a log of an arm whose second joint has an effect that the set-up does not list."""
-    columns = {"time": "t", "position": "q{n}", "output": "tau{n}", **({"input": {"j2": "warmth"}} if warm else {})}
+    columns = {
+        "time": "t",
+        "position": "q{n}",
+        "output": "tau{n}",
+        **({"input": {"j2": "warmth"}} if warm else {}),
+    }
     for name, more in (("true", f", {planted}" if planted else ""), ("known", "")):
         effects = f"effects: [usual, {{type: rotor_inertia, at: all}}{more}]"
-        (folder / f"{name}.yaml").write_text(f"{ARM}, {effects}, log: {json.dumps(columns)}}}")
+        (folder / f"{name}.yaml").write_text(
+            f"{ARM}, {effects}, log: {json.dumps(columns)}}}"
+        )
     base = ec.base_parameters(ec.load_setup(folder / "true.yaml").mechanism)
     known = VALUES | values
     effects_of = [known.get(name, known.get(name[:2])) for name in base.parameters[30:]]
@@ -36,22 +49,60 @@ def missing(
     q, qd, qdd = fourier(np.random.default_rng(1), 3, 0.9, harmonics=harmonics)
     tau, warmth = np.zeros_like(q), np.linspace(0, 8, len(q))
     for _ in range(20):  # friction that grows with the load depends on itself
-        tau = base.predict(q, qd, qdd, zeta, inputs={"j2": warmth if warm else tau[:, 1]})
+        tau = base.predict(
+            q, qd, qdd, zeta, inputs={"j2": warmth if warm else tau[:, 1]}
+        )
     tau += 0.05 * np.random.default_rng(2).normal(size=q.shape)
-    table = np.column_stack([np.arange(len(q)) / RATE, np.round(q, digits), tau, warmth])
-    np.savetxt(folder / "run.csv", table, delimiter=",", header="t,q1,q2,q3,tau1,tau2,tau3,warmth", comments="")
+    table = np.column_stack(
+        [np.arange(len(q)) / RATE, np.round(q, digits), tau, warmth]
+    )
+    np.savetxt(
+        folder / "run.csv",
+        table,
+        delimiter=",",
+        header="t,q1,q2,q3,tau1,tau2,tau3,warmth",
+        comments="",
+    )
     setup = ec.load_setup(folder / "known.yaml").with_settings(physical=False)
-    return [f for f in ec.identify(setup, [folder / "run.csv"]).findings if f.kind == "missing effect"]
+    return [
+        f
+        for f in ec.identify(setup, [folder / "run.csv"]).findings
+        if f.kind == "missing effect"
+    ]
 
 
 PLANTED = {
     "nothing": ("", {}, ""),
-    "asymmetric": ("{type: asymmetric_viscous, at: j2}", {"Fvp2": 2.0, "Fvn2": 0.0}, "asymmetric_viscous, at: [j2]"),
-    "stribeck": ("{type: stribeck, at: j2, velocity: 0.15}", {"Fs2": 3.0}, "{type: stribeck, at: [j2], velocity: 0."),
-    "load": ("{type: load_friction, at: j2}", {"Fl2": 0.1}, "{type: load_friction, at: [j2]}"),
-    "spring": ("{type: spring, at: j2}", {"Ks2": 20.0, "Ps2": 3.0}, "{type: spring, at: [j2]}"),
-    "cable": ("{type: cable, at: j2}", {"Kc2": 3.0, "Kcc2": 2.0, "Kccc2": 6.0}, "{type: cable, at: [j2]}"),
-    "ripple": ("{type: ripple, at: j2, harmonic: 6}", {"Rs6_2": 2.0, "Rc6_2": -1.0}, "ripple, at: [j2], harmonic: 6}"),
+    "asymmetric": (
+        "{type: asymmetric_viscous, at: j2}",
+        {"Fvp2": 2.0, "Fvn2": 0.0},
+        "asymmetric_viscous, at: [j2]",
+    ),
+    "stribeck": (
+        "{type: stribeck, at: j2, velocity: 0.15}",
+        {"Fs2": 3.0},
+        "{type: stribeck, at: [j2], velocity: 0.",
+    ),
+    "load": (
+        "{type: load_friction, at: j2}",
+        {"Fl2": 0.1},
+        "{type: load_friction, at: [j2]}",
+    ),
+    "spring": (
+        "{type: spring, at: j2}",
+        {"Ks2": 20.0, "Ps2": 3.0},
+        "{type: spring, at: [j2]}",
+    ),
+    "cable": (
+        "{type: cable, at: j2}",
+        {"Kc2": 3.0, "Kcc2": 2.0, "Kccc2": 6.0},
+        "{type: cable, at: [j2]}",
+    ),
+    "ripple": (
+        "{type: ripple, at: j2, harmonic: 6}",
+        {"Rs6_2": 2.0, "Rc6_2": -1.0},
+        "ripple, at: [j2], harmonic: 6}",
+    ),
     "another joint": (
         '{parameter: X, unit: N·m·s/rad, acts: [{at: j2, term: "qd[j3]"}]}',
         {"X": 2.0},
@@ -61,13 +112,21 @@ PLANTED = {
 
 
 @pytest.mark.parametrize(
-    "name", ["nothing", "load", "ripple", *(pytest.param(n, marks=pytest.mark.slow) for n in PLANTED)]
+    "name",
+    [
+        "nothing",
+        "load",
+        "ripple",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in PLANTED),
+    ],
 )
 def test_planted_effects_are_named(name: str, tmp_path: Path) -> None:
     planted, values, line = PLANTED[name]
     found = missing(planted, values, tmp_path)
     assert len(found) <= bool(planted)
-    assert all(line in finding.text and "to 'effects'" in finding.text for finding in found)
+    assert all(
+        line in finding.text and "to 'effects'" in finding.text for finding in found
+    )
     assert len(found) == bool(planted)
 
 
@@ -85,7 +144,10 @@ def test_friction_that_follows_a_temperature(tmp_path: Path) -> None:
 def test_rotors_that_are_left_out_are_the_first_remark(tmp_path: Path) -> None:
     """MuJoCo simulates an arm with geared motors."""
     system = SYSTEMS["arm"]
-    setup = system.load(tmp_path, effects=[{"type": "viscous", "at": "all"}, {"type": "coulomb", "at": "all"}])
+    setup = system.load(
+        tmp_path,
+        effects=[{"type": "viscous", "at": "all"}, {"type": "coulomb", "at": "all"}],
+    )
     log = system.log(motion_of(system), tmp_path / "run", setup.mechanism)
     first = ec.identify(setup.with_settings(physical=False), [log]).findings[0]
     assert first.text.startswith("residuals follow the acceleration qdd")
@@ -93,15 +155,24 @@ def test_rotors_that_are_left_out_are_the_first_remark(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stated", [{}, {"effects": ["usual"]}])
-def test_rotors_that_nobody_mentioned_are_tried(stated: dict[str, list[str]], tmp_path: Path) -> None:
-    system = replace(SYSTEMS["arm"], setup={k: v for k, v in SYSTEMS["arm"].setup.items() if k != "effects"})
+def test_rotors_that_nobody_mentioned_are_tried(
+    stated: dict[str, list[str]], tmp_path: Path
+) -> None:
+    system = replace(
+        SYSTEMS["arm"],
+        setup={k: v for k, v in SYSTEMS["arm"].setup.items() if k != "effects"},
+    )
     setup = system.load(tmp_path, **stated)
     log = system.log(motion_of(system), tmp_path / "run", setup.mechanism)
     result = ec.identify(setup.with_settings(physical=False), [log])
     assert {"Ia3", "Ia4", "Ia5"} <= {*result.base.mechanism.parameters}
     assert min(score.r2 for score in result.validations[-1].scores) > 0.998
     line = "add {type: rotor_inertia, at: [j3, j4, j5]} to 'effects'"
-    line = line if stated else "write effects: [usual, {type: rotor_inertia, at: [j3, j4, j5]}]"
+    line = (
+        line
+        if stated
+        else "write effects: [usual, {type: rotor_inertia, at: [j3, j4, j5]}]"
+    )
     assert line in result.findings[0].text
     assert [finding.kind for finding in result.findings].count("missing effect") == 1
 
@@ -114,8 +185,17 @@ def test_rotors_that_are_left_out_are_no_wrong_clock(tmp_path: Path) -> None:
     )
     drives = {"j1": Drive(0.5, 0.4, 0.3), "j2": Drive(0.3, 0.2, 0.2)}
     effects = [{"type": "viscous", "at": "all"}, {"type": "coulomb", "at": "all"}]
-    system = replace(SYSTEMS["arm"], name="flat", parts=parts, drives=drives, noise=(0.05, 0.03), simulated=False)
+    system = replace(
+        SYSTEMS["arm"],
+        name="flat",
+        parts=parts,
+        drives=drives,
+        noise=(0.05, 0.03),
+        simulated=False,
+    )
     setup = system.load(tmp_path, effects=effects)
-    result = ec.identify(setup, [system.log(system.motion(11), tmp_path / "run", setup.mechanism)])
+    result = ec.identify(
+        setup, [system.log(system.motion(11), tmp_path / "run", setup.mechanism)]
+    )
     assert "{type: rotor_inertia, at: [j2]}" in result.findings[0].text
     assert not {"culprit", "gains"} & {finding.kind for finding in result.findings}

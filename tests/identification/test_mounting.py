@@ -21,19 +21,24 @@ def test_where_gravity_was_left_open_its_direction_is_said() -> None:
     result = ec.identify(ec.load_setup(ARM, gravity="generic"), swinging())
     (found,) = about_gravity(result)
     assert (
-        found.text == "the direction of gravity was left open: -z of the base was taken, and nothing speaks against it"
+        found.text
+        == "the direction of gravity was left open: -z of the base was taken, and nothing speaks against it"
     )
 
 
 def test_a_wall_that_nobody_stated_is_found() -> None:
-    result = ec.identify(ec.load_setup(ARM, gravity="generic"), swinging(gravity="9.81,0,0"))
+    result = ec.identify(
+        ec.load_setup(ARM, gravity="generic"), swinging(gravity="9.81,0,0")
+    )
     found = about_gravity(result)
     assert "gravity is along x of the base" in found[0].text
     assert found[0].text.endswith("it was taken in")
     assert min(score.r2 for score in result.validations[-1].scores) > 0.999
 
 
-def test_what_was_not_taken_in_is_not_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_not_taken_in_is_not_said_to_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Where fits end, the last one's hypotheses are told as what is still to be stated."""
     log = swinging(gravity="9.81,0,0")
     monkeypatch.setattr(job, "_COMPLETIONS", 0)
@@ -58,9 +63,14 @@ def test_a_wall_and_a_zero_that_explain_alike_are_both_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("robot", "floating", "what"), [(FLOATING, True, "a base that moves"), (LOOP, False, "closed loops")]
+    ("robot", "floating", "what"),
+    [(FLOATING, True, "a base that moves"), (LOOP, False, "closed loops")],
 )
-def test_where_no_direction_is_looked_for_it_must_be_stated(robot: object, floating: bool, what: str) -> None:
+def test_where_no_direction_is_looked_for_it_must_be_stated(
+    robot: object, floating: bool, what: str
+) -> None:
     mechanism = ec.load(robot, gravity="generic", floating=floating)
-    with pytest.raises(InputError, match=rf"{what}: state it, as in --gravity 0,0,-9\.81"):
+    with pytest.raises(
+        InputError, match=rf"{what}: state it, as in --gravity 0,0,-9\.81"
+    ):
         standing(mechanism)

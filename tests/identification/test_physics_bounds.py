@@ -30,7 +30,10 @@ def test_bounds_are_respected() -> None:
         "bodies": {
             names[0]: {"mass": [2, 2]},
             names[1]: {"mass": [0.5, 0.6], "box": [[-0.1, -0.1, 0], [0.1, 0.1, 0]]},
-            names[2]: {"ellipsoid": [[0.1, 0, 0], [0.05, 0.1, 0.02]], "mass": [0.3, np.inf]},
+            names[2]: {
+                "ellipsoid": [[0.1, 0, 0], [0.05, 0.1, 0.02]],
+                "mass": [0.3, np.inf],
+            },
             names[3]: {"symmetry": ["xz", "yz"]},
             names[4]: {"symmetry": "z"},
             names[5]: {"extent": [[0, 0, 0.05], [0.1, 0.1, 0.1]]},
@@ -67,10 +70,15 @@ def test_bounds_that_contradict_each_other() -> None:
     names = [name for name, _ in role.bodies]
     for given_bounds in (
         {"bodies": {n: {"mass": [2, 3]} for n in names}, "total_mass": [0, 5]},
-        {"bodies": {names[0]: {"box": [[0, 0, 0], [0, 0, 1]], "mass": [1, 1]}}, "parameters": {"ZZ1": [-2, -1]}},
+        {
+            "bodies": {names[0]: {"box": [[0, 0, 0], [0, 0, 1]], "mass": [1, 1]}},
+            "parameters": {"ZZ1": [-2, -1]},
+        },
     ):
         with pytest.raises(InputError, match="contradict"):
-            physical_fit(base, observation.combined(weights), bounds=bounds_of(given_bounds))
+            physical_fit(
+                base, observation.combined(weights), bounds=bounds_of(given_bounds)
+            )
 
 
 @pytest.mark.parametrize(
@@ -93,10 +101,16 @@ def test_bounds_that_contradict_each_other() -> None:
         ({"parameters": {"M1": [True, 2]}}, "needs a number"),
     ],
 )
-def test_wrong_bounds_are_explained(tmp_path: Path, given_bounds: dict[str, Any], message: str) -> None:
+def test_wrong_bounds_are_explained(
+    tmp_path: Path, given_bounds: dict[str, Any], message: str
+) -> None:
     base, _ = model("panda")
     file = tmp_path / "setup.json"
-    file.write_text(json.dumps({**yaml.safe_load(PANDA.read_text()), "identification": given_bounds}))
+    file.write_text(
+        json.dumps(
+            {**yaml.safe_load(PANDA.read_text()), "identification": given_bounds}
+        )
+    )
     with pytest.raises(InputError, match=message) as error:
         _bounds(ec.load_setup(file), base)
     assert str(error.value).startswith(str(file))

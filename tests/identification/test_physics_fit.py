@@ -16,7 +16,9 @@ from echelon.inertia import divergence, factor, from_pseudo_inertia, pseudo_iner
 from support.physical_robots import is_physical, model, observed, robot
 
 
-def cvxpy_fit(role: Roles, design: Any, target: Any, bodies: Any, weight: float) -> tuple[float, Any]:
+def cvxpy_fit(
+    role: Roles, design: Any, target: Any, bodies: Any, weight: float
+) -> tuple[float, Any]:
     """The same problem written down in a modelling language."""
     import cvxpy as cp
 
@@ -61,11 +63,19 @@ def test_gradient_vanishes_at_the_fit(name: str) -> None:
     assert repr(fit).startswith(f"PhysicalFit({len(role.bodies)} bodies, misfit ")
     assert repr(fit).endswith("drawn to prior with weight 10)")
     loss = 2 * (triangle.R @ base.B_float()).T @ (triangle.R @ fit.base - triangle.qty)
-    for start, J, J0 in zip(role.starts, *(pseudo_inertia(role.blocks(z)) for z in (fit.standard, prior)), strict=True):
+    for start, J, J0 in zip(
+        role.starts,
+        *(pseudo_inertia(role.blocks(z)) for z in (fit.standard, prior)),
+        strict=True,
+    ):
         basis = pseudo_inertia(np.eye(10))
-        drawing = 10.0 * np.einsum("kij,ji->k", basis, np.linalg.inv(J0) - np.linalg.inv(J))
+        drawing = 10.0 * np.einsum(
+            "kij,ji->k", basis, np.linalg.inv(J0) - np.linalg.inv(J)
+        )
         whole = loss[start : start + 10] + drawing
-        size = 10.0 * np.abs(np.einsum("kij,ji->k", np.abs(basis), np.abs(np.linalg.inv(J))))
+        size = 10.0 * np.abs(
+            np.einsum("kij,ji->k", np.abs(basis), np.abs(np.linalg.inv(J)))
+        )
         assert (np.abs(whole) < 1e-3 * size).all()
 
 
@@ -73,7 +83,12 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @settings(max_examples=10, deadline=None)
-@given(seeds, st.sampled_from(["double_pendulum", "scara", "rx90", "puma560", "tx40", "cart_pole"]))
+@given(
+    seeds,
+    st.sampled_from(
+        ["double_pendulum", "scara", "rx90", "puma560", "tx40", "cart_pole"]
+    ),
+)
 def test_fit_without_prior_is_as_good_as_the_truth(seed: int, name: str) -> None:
     base, role = model(name)
     rng = np.random.default_rng(seed)
@@ -81,9 +96,14 @@ def test_fit_without_prior_is_as_good_as_the_truth(seed: int, name: str) -> None
     observation, weights = observed(base, truth, rng, samples=100)
     triangle = observation.combined(weights)
     fit = physical_fit(base, triangle)
-    at_truth = np.sum((triangle.R @ base.values(truth) - triangle.qty) ** 2) + triangle.residual**2
+    at_truth = (
+        np.sum((triangle.R @ base.values(truth) - triangle.qty) ** 2)
+        + triangle.residual**2
+    )
     # the drawing towards plain shapes raises it by no more than the truth does on average
-    drawn = base.rank * triangle.residual**2 / (triangle.rows - base.rank) + 0.1 * len(role.bodies)
+    drawn = base.rank * triangle.residual**2 / (triangle.rows - base.rank) + 0.1 * len(
+        role.bodies
+    )
     assert fit.unconstrained_misfit - 1e-9 <= fit.misfit <= at_truth + drawn
     assert is_physical(role.blocks(fit.standard)).all()
     assert (fit.standard[list(role.positive)] >= 0).all()
@@ -117,7 +137,11 @@ def test_friction_does_not_drive() -> None:
     assert fit.standard[fc] == pytest.approx(0, abs=1e-6)
     assert fit.standard[fc] >= 0
     assert names[-1] in fit.diagnostics["active"]
-    free = physical_fit(base, observation.combined(weights), bounds=Bounds(parameters={names[-1]: (-1, 1)}))
+    free = physical_fit(
+        base,
+        observation.combined(weights),
+        bounds=Bounds(parameters={names[-1]: (-1, 1)}),
+    )
     assert free.standard[fc] == pytest.approx(-0.5, rel=0.1)
 
 
@@ -140,7 +164,11 @@ def test_light_and_heavy_links_are_no_harder(scale: float) -> None:
 
 def test_a_triangle_of_other_parameters_is_refused() -> None:
     base, role = model("scara")
-    observation, _ = observed(base, robot(role, np.random.default_rng(1)), np.random.default_rng(1))
+    observation, _ = observed(
+        base, robot(role, np.random.default_rng(1)), np.random.default_rng(1)
+    )
     with pytest.raises(InputError, match="not the base parameters"):
         physical_fit(base, observation.select([0, 1]).combined())
-    assert np.allclose(from_pseudo_inertia(pseudo_inertia(np.arange(10.0))), np.arange(10.0))
+    assert np.allclose(
+        from_pseudo_inertia(pseudo_inertia(np.arange(10.0))), np.arange(10.0)
+    )

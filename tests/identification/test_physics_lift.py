@@ -38,7 +38,10 @@ def described(tmp_path: Any, name: str) -> BaseModel:
     return ec.base_parameters(ec.load(file))
 
 
-@pytest.mark.parametrize("name", [*SETUPS, "floating_tree", "gripper_coupled", "loops/four_bar", "tx40", "ur10"])
+@pytest.mark.parametrize(
+    "name",
+    [*SETUPS, "floating_tree", "gripper_coupled", "loops/four_bar", "tx40", "ur10"],
+)
 def test_lift_has_exactly_the_given_values(tmp_path: Any, name: str) -> None:
     base = described(tmp_path, name) if name in SETUPS else model(name)[0]
     role = roles(base.mechanism)
@@ -56,7 +59,10 @@ def test_lift_refuses_what_no_robot_has() -> None:
     base, role = model("panda")
     values = base.values(robot(role, np.random.default_rng(16)))
     place = base.pivots.index("ZZ7")
-    assert physical_lift(base, np.where(np.arange(43) == place, -10 * values, values)) is None
+    assert (
+        physical_lift(base, np.where(np.arange(43) == place, -10 * values, values))
+        is None
+    )
     with pytest.raises(InputError, match="expected 43"):
         physical_lift(base, values[:-1])
     with pytest.raises(InputError, match="finite"):

@@ -36,12 +36,16 @@ modified_dh:
 """
 
 
-def same_torques(setup: ec.Mechanism, other: ec.Mechanism, fixed: int = 0) -> ec.BaseModel:
+def same_torques(
+    setup: ec.Mechanism, other: ec.Mechanism, fixed: int = 0
+) -> ec.BaseModel:
     """Check that both descriptions need the same torques; the last coordinates of the other one rest at zero."""
     base, theirs = ec.base_parameters(setup), ec.base_parameters(other)
     prior = prior_from(base, other)
     log = states(base, np.random.default_rng(1), 20)
-    rest = {name: np.hstack([value, np.zeros((20, fixed))]) for name, value in log.items()}
+    rest = {
+        name: np.hstack([value, np.zeros((20, fixed))]) for name, value in log.items()
+    }
     mine = base.predict(log["q"], log["qd"], log["qdd"], base.values(prior.values))
     yours = theirs.predict(rest["q"], rest["qd"], rest["qdd"], theirs.values())
     assert np.allclose(mine, yours[:, : mine.shape[1]], rtol=1e-9, atol=1e-9)
@@ -59,7 +63,10 @@ def test_dh_table_of_the_lwr4_and_its_urdf(tmp_path: Path) -> None:
     assert prior.values[9::10] == pytest.approx([2.7, 2.7, 2.7, 2.7, 1.7, 1.6, 0.3])
     assert is_physical(prior.values.reshape(-1, 10)).all()
     table.write_text(LWR4.replace("d5: 0.39", "d5: 0.4"))
-    with pytest.raises(InputError, match=r"joint 'j6' of the set-up and 'lwr_5_joint' of the prior.*m apart"):
+    with pytest.raises(
+        InputError,
+        match=r"joint 'j6' of the set-up and 'lwr_5_joint' of the prior.*m apart",
+    ):
         prior_from(ec.base_parameters(ec.load(table)), other)
     table.write_text(LWR4.replace("alpha: pi/2, d: d5", "alpha: -pi/2, d: d5"))
     with pytest.raises(InputError, match=r"joint 'j5' .*180° apart"):
@@ -95,12 +102,25 @@ def test_frames_do_not_matter(drawn: list[Placement], seed: int) -> None:
         parent = (GROUND, 0, 1, 1)[k]
         place, frame = drawn[2 * k : 2 * k + 2]
         inertial = tuple(float(x) for x in body_of_points(rng, 0.02))
-        steps = (place, rotation(f"q{k}", int(rng.integers(3)), int(rng.choice([1, -1]))))
-        old.append(Body(f"b{k}", str(k), parent, Joint(f"j{k}", "revolute", merge(steps)), inertial=inertial))
+        steps = (
+            place,
+            rotation(f"q{k}", int(rng.integers(3)), int(rng.choice([1, -1]))),
+        )
+        old.append(
+            Body(
+                f"b{k}",
+                str(k),
+                parent,
+                Joint(f"j{k}", "revolute", merge(steps)),
+                inertial=inertial,
+            )
+        )
         before = Placement() if parent == GROUND else drawn[2 * parent + 1].inverse()
         moved = Joint(f"k{k}", "revolute", merge((before, *steps, frame)))
         new.append(Body(f"c{k}", str(k), parent, moved))
-    gravity = arms.tree("x", arms.body(1, 0, "revolute", drawn[0], rotation("q")), gravity="1 -2 -9").gravity
+    gravity = arms.tree(
+        "x", arms.body(1, 0, "revolute", drawn[0], rotation("q")), gravity="1 -2 -9"
+    ).gravity
     other = Mechanism("old", tuple(old), gravity)
     same_torques(Mechanism("new", tuple(new), gravity), other)
 
@@ -118,6 +138,8 @@ def test_what_the_prior_does_not_say_is_named() -> None:
     bodies[3] = replace(bodies[3], inertial=(0.01, 0, 0, 0.01, 0, 0.01, 0, 0, 0, 1))
     prior = prior_from(base, replace(base.mechanism, bodies=tuple(bodies)))
     assert [f.kind for f in prior.findings].count("no prior") == 5
-    assert [f.where for f in prior.findings if f.kind == "unphysical prior"] == ["body 'j3'"]
+    assert [f.where for f in prior.findings if f.kind == "unphysical prior"] == [
+        "body 'j3'"
+    ]
     assert np.isfinite(prior.values).sum() == 20
     assert is_physical(prior.values[20:40].reshape(2, 10)).all()

@@ -17,7 +17,10 @@ def test_more_weight_comes_nearer_to_the_prior_and_fits_worse() -> None:
     truth, prior = robot(role, rng), robot(role, rng)
     observation, weights = observed(base, truth, rng)
     triangle = observation.combined(weights)
-    fits = [physical_fit(base, triangle, prior=prior, prior_weight=w) for w in (1e-2, 1.0, 1e2, 1e4, 1e8)]
+    fits = [
+        physical_fit(base, triangle, prior=prior, prior_weight=w)
+        for w in (1e-2, 1.0, 1e2, 1e4, 1e8)
+    ]
     apart = [sum(fit.diagnostics["divergence"].values()) for fit in fits]
     assert apart == sorted(apart, reverse=True)
     assert [f.misfit for f in fits] == sorted(f.misfit for f in fits)
@@ -28,12 +31,21 @@ def test_the_weight_is_chosen_from_the_data() -> None:
     base, role = model("rx90")
     rng = np.random.default_rng(10)
     truth, other = robot(role, rng), robot(role, rng)
-    pieces = [observed(base, truth, np.random.default_rng(k), samples=10) for k in range(4)]
+    pieces = [
+        observed(base, truth, np.random.default_rng(k), samples=10) for k in range(4)
+    ]
     weights = pieces[0][1]
     whole = sum((p for p, _ in pieces[1:]), pieces[0][0]).combined(weights)
     for stretches in ([p for p, _ in pieces], []):
         chosen = [
-            physical_fit(base, whole, prior=p, prior_weight="auto", pieces=stretches, weights=weights)
+            physical_fit(
+                base,
+                whole,
+                prior=p,
+                prior_weight="auto",
+                pieces=stretches,
+                weights=weights,
+            )
             for p in (truth, other)
         ]
         right, wrong = (fit.prior_weight for fit in chosen)
@@ -49,7 +61,9 @@ def test_the_weight_is_chosen_from_the_data() -> None:
 def test_of_weights_that_predict_alike_the_largest_is_taken() -> None:
     base, role = model("rx90")
     truth = robot(role, np.random.default_rng(10))
-    pieces = [observed(base, truth, np.random.default_rng(k), samples=10)[0] for k in range(3)]
+    pieces = [
+        observed(base, truth, np.random.default_rng(k), samples=10)[0] for k in range(3)
+    ]
     values = base.values(truth)
     assert by_stretches(lambda *_: values, pieces, None).weight == CANDIDATES[-1]
 
@@ -62,7 +76,9 @@ def test_effects_are_drawn_to_their_priors() -> None:
     prior = np.full(role.size, np.nan)
     column = role.positive[-1]
     prior[column] = 2 * truth[column]
-    near = physical_fit(base, observation.combined(weights), prior=prior, prior_weight=1e9)
+    near = physical_fit(
+        base, observation.combined(weights), prior=prior, prior_weight=1e9
+    )
     assert near.standard[column] == pytest.approx(prior[column], rel=1e-3)
 
 
@@ -74,7 +90,9 @@ def test_friction_that_data_contradict_is_not_drawn_to() -> None:
     observation, weights = observed(base, truth, rng)
     prior = truth.copy()
     prior[list(role.positive)] *= 1e-3
-    fit = physical_fit(base, observation.combined(weights), prior=prior, prior_weight=1.0)
+    fit = physical_fit(
+        base, observation.combined(weights), prior=prior, prior_weight=1.0
+    )
     assert fit.misfit < fit.unconstrained_misfit + 3 * base.rank
 
 

@@ -84,26 +84,74 @@ def clock(factor: float) -> Plant:
 
 
 PLANTED: dict[str, tuple[str, Plant, str]] = {
-    "sign of a torque": ("arm", outputs(lambda y: by(y, 4)), "the sign of the output of 'j5' is wrong"),
-    "signs of all torques": ("arm", outputs(lambda y: -y), "the signs of all outputs are wrong"),
-    "signs of all positions": ("arm", states(lambda q: -q), "the signs of all positions are wrong"),
-    "sign of a position": ("arm", states(lambda q: by(q, 3)), "the sign of the position of 'j4' is wrong"),
+    "sign of a torque": (
+        "arm",
+        outputs(lambda y: by(y, 4)),
+        "the sign of the output of 'j5' is wrong",
+    ),
+    "signs of all torques": (
+        "arm",
+        outputs(lambda y: -y),
+        "the signs of all outputs are wrong",
+    ),
+    "signs of all positions": (
+        "arm",
+        states(lambda q: -q),
+        "the signs of all positions are wrong",
+    ),
+    "sign of a position": (
+        "arm",
+        states(lambda q: by(q, 3)),
+        "the sign of the position of 'j4' is wrong",
+    ),
     "a joint that turns back": (
         "arm",
         lambda s: states(lambda q: by(q, 1))(outputs(lambda y: by(y, 1))(s)),
         "'j2' turns the other way",
     ),
-    "exchanged torques": ("arm", outputs(lambda y: exchanged(y, 1, 2)), "'j2' and the output of 'j3' are exchanged"),
-    "exchanged positions": ("arm", states(lambda q: exchanged(q, 0, 4)), "'j1' and the position of 'j5' are exchanged"),
-    "degrees": ("arm", states(lambda q: by(q, 2, 180 / np.pi)), "the position of 'j3' is in degrees"),
-    "zero": ("arm", lambda s: replace(s, q=s.q - np.eye(5)[2] * np.pi / 2), "zero of the position of 'j3'"),
-    "unit of a torque": ("arm", outputs(lambda y: by(y, 2, 1e3)), "the output of 'j3' is in mN·m"),
+    "exchanged torques": (
+        "arm",
+        outputs(lambda y: exchanged(y, 1, 2)),
+        "'j2' and the output of 'j3' are exchanged",
+    ),
+    "exchanged positions": (
+        "arm",
+        states(lambda q: exchanged(q, 0, 4)),
+        "'j1' and the position of 'j5' are exchanged",
+    ),
+    "degrees": (
+        "arm",
+        states(lambda q: by(q, 2, 180 / np.pi)),
+        "the position of 'j3' is in degrees",
+    ),
+    "zero": (
+        "arm",
+        lambda s: replace(s, q=s.q - np.eye(5)[2] * np.pi / 2),
+        "zero of the position of 'j3'",
+    ),
+    "unit of a torque": (
+        "arm",
+        outputs(lambda y: by(y, 2, 1e3)),
+        "the output of 'j3' is in mN·m",
+    ),
     "rate": ("arm", clock(0.5), "the rate is about 2 times"),
     "milliseconds": ("arm", clock(1e3), "the rate is about 0.001 times"),
-    "side of a gear": ("motor side", outputs(lambda y: by(y, 2, 40.0)), "the output of 'm3' is on the joints' side"),
-    "sign of a motor": ("motor side", outputs(lambda y: by(y, 3)), "the sign of the output of 'm4' is wrong"),
+    "side of a gear": (
+        "motor side",
+        outputs(lambda y: by(y, 2, 40.0)),
+        "the output of 'm3' is on the joints' side",
+    ),
+    "sign of a motor": (
+        "motor side",
+        outputs(lambda y: by(y, 3)),
+        "the sign of the output of 'm4' is wrong",
+    ),
     "loops": ("five-bar", outputs(lambda y: y[:, ::-1]), "are exchanged"),
-    "floating": ("floating", outputs(lambda y: by(y, 7)), "the sign of the output of 'left2' is wrong"),
+    "floating": (
+        "floating",
+        outputs(lambda y: by(y, 7)),
+        "the sign of the output of 'left2' is wrong",
+    ),
 }
 
 
@@ -120,7 +168,10 @@ def test_planted_mistakes_are_named(name: str) -> None:
 SLOWER = ("floating", "five-bar", "wrist sensor")
 
 
-@pytest.mark.parametrize("system", [pytest.param(s, marks=[pytest.mark.slow] * (s in SLOWER)) for s in SYSTEMS])
+@pytest.mark.parametrize(
+    "system",
+    [pytest.param(s, marks=[pytest.mark.slow] * (s in SLOWER)) for s in SYSTEMS],
+)
 def test_nothing_is_named_where_all_is_right(system: str) -> None:
     base, samples, _ = case(system)
     assert misread(base, [samples]) is None
@@ -132,8 +183,20 @@ LINK = """<link name="{0}"><inertial><origin xyz="{1}"/><mass value="{2}"/>
 <joint name="{4}" type="{5}"><parent link="{6}"/><child link="{0}"/>
 <origin xyz="{7}"/><axis xyz="{8}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
 ROLL_AND_PITCH = LEG.format(
-    LINK.format("hip", "0.01 0.03 0", 1.2, 0.004, "roll", "revolute", "base", "0 0 0", "1 0 0")
-    + LINK.format("thigh", "0.005 0.02 -0.08", 2.0, 0.012, "pitch", "revolute", "hip", "0 0.08 0", "0 1 0")
+    LINK.format(
+        "hip", "0.01 0.03 0", 1.2, 0.004, "roll", "revolute", "base", "0 0 0", "1 0 0"
+    )
+    + LINK.format(
+        "thigh",
+        "0.005 0.02 -0.08",
+        2.0,
+        0.012,
+        "pitch",
+        "revolute",
+        "hip",
+        "0 0.08 0",
+        "0 1 0",
+    )
 )
 GANTRY = LEG.format(
     LINK.format("x", "0 0.3 0", 30, 1, "X", "prismatic", "base", "0 0 0", "1 0 0")
@@ -169,8 +232,15 @@ def test_the_values_of_a_robot_file_decide_between_mirrored_robots() -> None:
     _, samples, _ = simple(ROLL_AND_PITCH)
     wrong = outputs(lambda y: by(y, 0))(samples)
     assert wrong.y is not None
-    log = {"t": np.arange(len(wrong)) / RATE, "q": wrong.q, "qd": wrong.qd, "tau": wrong.y}
-    found = [f.text for f in ec.identify(ROLL_AND_PITCH, log).findings if f.kind == "culprit"]
+    log = {
+        "t": np.arange(len(wrong)) / RATE,
+        "q": wrong.q,
+        "qd": wrong.qd,
+        "tau": wrong.y,
+    }
+    found = [
+        f.text for f in ec.identify(ROLL_AND_PITCH, log).findings if f.kind == "culprit"
+    ]
     assert len(found) == 1
     assert found[0].startswith("the sign of the output of 'roll'")
     assert ", or " not in found[0]
@@ -180,11 +250,19 @@ def test_robots_with_vertical_slides_and_values_are_judged() -> None:
     """Gravity's direction is free in the model that judges, and base parameters of its slides depend on it."""
     _, samples, _ = simple(GANTRY)
     assert samples.y is not None
-    log = {"t": np.arange(len(samples)) / RATE, "q": samples.q, "qd": samples.qd, "tau": samples.y.copy()}
+    log = {
+        "t": np.arange(len(samples)) / RATE,
+        "q": samples.q,
+        "qd": samples.qd,
+        "tau": samples.y.copy(),
+    }
     log["tau"][:, 0] *= -1
     found = [f.text for f in ec.identify(GANTRY, log).findings if f.kind == "culprit"]
     assert len(found) == 1
-    assert "the sign of the output of 'X'" in found[0] or "'X' turns the other way" in found[0]
+    assert (
+        "the sign of the output of 'X'" in found[0]
+        or "'X' turns the other way" in found[0]
+    )
 
 
 def test_stiffness_and_play_of_slides_are_in_metres() -> None:
@@ -195,9 +273,19 @@ def test_stiffness_and_play_of_slides_are_in_metres() -> None:
         if term.kind is Kind.JOINT and term.knob is not None:
             words, _ = term.knob.says(np.array([1e-4]), np.array([1e-5]))
             said.setdefault(term.place, []).append(words)
-    for place, stiffness, play in (("X", "N/m", "m"), ("Z", "N/m", "m"), ("A", "N·m/rad", "rad")):
-        assert [words for words in said[place] if words.endswith(f"1e+04 ± 1e+03 {stiffness}")]
-        assert [words for words in said[place] if words.endswith(f"0.0002 ± 2e-05 {play}")]
+    for place, stiffness, play in (
+        ("X", "N/m", "m"),
+        ("Z", "N/m", "m"),
+        ("A", "N·m/rad", "rad"),
+    ):
+        assert [
+            words
+            for words in said[place]
+            if words.endswith(f"1e+04 ± 1e+03 {stiffness}")
+        ]
+        assert [
+            words for words in said[place] if words.endswith(f"0.0002 ± 2e-05 {play}")
+        ]
 
 
 def test_mistakes_of_sliding_joints() -> None:
@@ -220,7 +308,11 @@ def test_mistakes_of_sliding_joints() -> None:
 
 def test_measured_velocities_have_mistakes_of_their_own() -> None:
     base, samples, _ = case("arm")
-    found = misread(base, [replace(samples, qd=by(samples.qd, 1), qdd=by(samples.qdd, 1))], velocities=True)
+    found = misread(
+        base,
+        [replace(samples, qd=by(samples.qd, 1), qdd=by(samples.qdd, 1))],
+        velocities=True,
+    )
     assert found is not None
     assert "the sign of the velocity of 'j2' is wrong" in found.words
     found = misread(base, [replace(samples, q=by(samples.q, 1))], velocities=True)
@@ -230,7 +322,9 @@ def test_measured_velocities_have_mistakes_of_their_own() -> None:
 
 def test_columns_are_named_and_their_offsets_stay() -> None:
     base, samples, _ = case("arm")
-    positions = {f"j{k}": Channel(f"enc{k}", offset=0.4 * (k == 2)) for k in range(1, 6)}
+    positions = {
+        f"j{k}": Channel(f"enc{k}", offset=0.4 * (k == 2)) for k in range(1, 6)
+    }
     q = samples.q.copy()
     q[:, 1] = 0.8 - q[:, 1]  # the sign of the column, before the offset of 0.4 is added
     wrong = replace(samples, q=q, qd=by(samples.qd, 1), qdd=by(samples.qdd, 1))
@@ -257,7 +351,20 @@ def test_a_unit_that_all_outputs_share_is_told_by_the_prior() -> None:
 
 def test_drives_couple_joints_that_are_near() -> None:
     base, samples, _ = case("arm")
-    readings = Readings(base, States.of([samples], np.inf, base, np.zeros(base.rank)), ColumnMap(), velocities=False)
-    found = [re.search(r"drive of 'j(\d)' turns by j\d [+-] j(\d)", reading.words) for reading in readings.all()]
+    readings = Readings(
+        base,
+        States.of([samples], np.inf, base, np.zeros(base.rank)),
+        ColumnMap(),
+        velocities=False,
+    )
+    found = [
+        re.search(r"drive of 'j(\d)' turns by j\d [+-] j(\d)", reading.words)
+        for reading in readings.all()
+    ]
     apart = [abs(int(some[1]) - int(some[2])) for some in found if some is not None]
-    assert [apart.count(k) for k in range(1, 5)] == [16, 12, 8, 0]  # both ways, with both signs
+    assert [apart.count(k) for k in range(1, 5)] == [
+        16,
+        12,
+        8,
+        0,
+    ]  # both ways, with both signs

@@ -12,7 +12,9 @@ from echelon.logs.columns.column_map import Channel
 from echelon.setup.setup import Setup, load_setup
 from support.paths import ROOT
 
-EXAMPLES = sorted([*(ROOT / "examples" / "logs").glob("*.yaml"), ROOT / "examples" / "tx40.yaml"])
+EXAMPLES = sorted(
+    [*(ROOT / "examples" / "logs").glob("*.yaml"), ROOT / "examples" / "tx40.yaml"]
+)
 
 ARM = """
 echelon: 1
@@ -38,7 +40,10 @@ def test_examples_name_every_position_and_output(file: Path) -> None:
     drives = [actuator.name for actuator in setup.mechanism.actuators]
     for columns in setup.columns:
         assert set(columns.positions) in ({*setup.mechanism.positions}, {*drives})
-        assert set(columns.outputs) in ({output.name for output in setup.mechanism.outputs}, {*drives})
+        assert set(columns.outputs) in (
+            {output.name for output in setup.mechanism.outputs},
+            {*drives},
+        )
 
 
 def test_columns_by_template_by_drive_and_by_name(tmp_path: Path) -> None:
@@ -57,7 +62,10 @@ log:
     (columns,) = setup.columns
     assert columns.rate == 1000
     assert columns.time is None
-    assert columns.positions == {"m1": Channel("theta_1", "deg"), "m2": Channel("odd", "", -0.01, -math.pi / 2)}
+    assert columns.positions == {
+        "m1": Channel("theta_1", "deg"),
+        "m2": Channel("odd", "", -0.01, -math.pi / 2),
+    }
     assert columns.velocities == {"j1": Channel("v[0]"), "j2": Channel("v[1]")}
     assert columns.outputs == {"j1": Channel("tau_j1"), "j2": Channel("tau_j2")}
 
@@ -65,7 +73,10 @@ log:
 def test_several_kinds_of_logs(tmp_path: Path) -> None:
     one = '{time: t, position: "q{n}", output: "y{n}"}'
     setup = read(tmp_path, f"log:\n  - {one}\n  - {one.replace('t,', 'stamp,')}\n")
-    assert [columns.time for columns in setup.columns] == [Channel("t"), Channel("stamp")]
+    assert [columns.time for columns in setup.columns] == [
+        Channel("t"),
+        Channel("stamp"),
+    ]
     with pytest.raises(ec.InputError, match=r"log\[1\]\.position"):
         read(tmp_path, f"log:\n  - {one}\n  - {one.replace('q{n}', 'q')}\n")
 
@@ -89,9 +100,16 @@ identification:
     assert setup.preparation.still == {"j1": 0.01}
     assert setup.preparation.delays == {}
     settings = setup.settings
-    assert (settings.estimator, settings.predict, settings.prior.weight) == ("huber", "physical", 3)
+    assert (settings.estimator, settings.predict, settings.prior.weight) == (
+        "huber",
+        "physical",
+        3,
+    )
     assert settings.known == {"Ia1": 0.25}
-    assert settings.bodies["j2"].model_dump(exclude_unset=True) == {"mass": (1, 2), "symmetry": ("xz",)}
+    assert settings.bodies["j2"].model_dump(exclude_unset=True) == {
+        "mass": (1, 2),
+        "symmetry": ("xz",),
+    }
     assert settings.parameters == {"M2": (0, math.inf)}
 
 
@@ -106,22 +124,39 @@ def test_a_robot_file_stands_for_a_set_up() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('log: {time: t, rate: 10, position: "q{n}"}', "log: give time or rate, not both"),
-        ("log: {position: {j3: q3}}", "log.position.j3: there is no such coordinate, output or drive"),
+        (
+            'log: {time: t, rate: 10, position: "q{n}"}',
+            "log: give time or rate, not both",
+        ),
+        (
+            "log: {position: {j3: q3}}",
+            "log.position.j3: there is no such coordinate, output or drive",
+        ),
         ('log: {position: {j1: {colum: "q"}}}', "did you mean 'column'?"),
         ("log: {position: q}", "'q' is one column for several channels"),
-        ("log: {position: {m1: {column: q, offset: 3*k}}}", "'k' in '3*k' has no value"),
+        (
+            "log: {position: {m1: {column: q, offset: 3*k}}}",
+            "'k' in '3*k' has no value",
+        ),
         ("log: {position: {m1: {column: q, scale: 0}}}", "must be finite and not zero"),
         ("preparation: {band: -3}", "preparation.band"),
         ("preparation: {measured: [qdx]}", "preparation.measured"),
         ("preparation: {bandd: 3}", "did you mean 'band'?"),
         ("identification: {estimator: olss}", "did you mean 'ols'?"),
-        ("identification: {physical: false, predict: physical}", "a physical fit that is switched off"),
+        (
+            "identification: {physical: false, predict: physical}",
+            "a physical fit that is switched off",
+        ),
         ("identification: {level: 1.5}", "identification.level"),
-        ("identification: {known: {Fv1: x}}", "needs a number or an expression of numbers and pi, found 'x'"),
+        (
+            "identification: {known: {Fv1: x}}",
+            "needs a number or an expression of numbers and pi, found 'x'",
+        ),
     ],
 )
-def test_mistakes_are_named_with_their_place(tmp_path: Path, text: str, said: str) -> None:
+def test_mistakes_are_named_with_their_place(
+    tmp_path: Path, text: str, said: str
+) -> None:
     with pytest.raises(ec.InputError) as caught:
         read(tmp_path, text)
     assert said in str(caught.value)

@@ -19,7 +19,15 @@ from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered, clustered_by
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.identify import identify
-from echelon.identification.passes_over_data import BATCHES, Batcher, PassesOverData, grouped, ingest, size_of, total
+from echelon.identification.passes_over_data import (
+    BATCHES,
+    Batcher,
+    PassesOverData,
+    grouped,
+    ingest,
+    size_of,
+    total,
+)
 from echelon.identification.result import Identification
 from echelon.identification.rows import plan as model_plan
 from echelon.identification.rows import rows as model_rows
@@ -62,7 +70,12 @@ def same(a: Identification, b: Identification, tolerance: float = 1e-9) -> None:
         assert (one.source, one.role) == (other.source, other.role)
         for x, y in zip(one.scores, other.scores, strict=True):
             assert x.rows == y.rows
-            np.testing.assert_allclose((x.rms, x.r2, x.bias), (y.rms, y.r2, y.bias), rtol=1e3 * tolerance, atol=1e-10)
+            np.testing.assert_allclose(
+                (x.rms, x.r2, x.bias),
+                (y.rms, y.r2, y.bias),
+                rtol=1e3 * tolerance,
+                atol=1e-10,
+            )
 
 
 # -- memory ------------------------------------------------------------------------------------------------------------
@@ -81,7 +94,9 @@ def _peak(*logs: Path) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems count memory in other units")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="other systems count memory in other units"
+)
 def test_memory_does_not_grow_with_logs(tmp_path: Path) -> None:
     """Ten times as many files, or a file five times as long, add little: traces to look at, of bounded length."""
     few, many = tmp_path / "few", tmp_path / "many"
@@ -111,7 +126,10 @@ def test_rows_that_are_read_again_give_the_same(folder: Path) -> None:
 def test_a_single_log_is_held_out_in_part(folder: Path) -> None:
     log = folder / "run0.parquet"
     kept = identify(pendulum(), [log])
-    assert [found.role for found in kept.validations] == ["identification", "validation"]
+    assert [found.role for found in kept.validations] == [
+        "identification",
+        "validation",
+    ]
     same(kept, identify(pendulum(), [log], memory=0))
 
 
@@ -143,7 +161,9 @@ def test_windows_do_not_change_the_result(
     [PREPARATION, PREPARATION.model_copy(update={"still": 0.0, "band": np.inf})],
 )
 @pytest.mark.parametrize("count", [1, 3, 40])
-def test_batches_add_up_to_the_whole(count: int, preparation: Preparation, plan: Plan, folder: Path) -> None:
+def test_batches_add_up_to_the_whole(
+    count: int, preparation: Preparation, plan: Plan, folder: Path
+) -> None:
     """Whether rows are formed or, without a filter, factored as they are."""
     plan, log = replace(plan, preparation=preparation), folder / "run2.parquet"
     batches = ingest(plan, log, count)[0]
@@ -152,7 +172,9 @@ def test_batches_add_up_to_the_whole(count: int, preparation: Preparation, plan:
     assert total(batches).counts == whole.counts
     for R, expected in zip(total(batches).factors, whole.factors, strict=True):
         np.testing.assert_allclose(R, expected, atol=1e-11 * np.abs(expected).max())
-    assert [batch.start for batch in batches] == sorted(batch.start for batch in batches)
+    assert [batch.start for batch in batches] == sorted(
+        batch.start for batch in batches
+    )
     assert sum(batch.observation.rows for batch in grouped(batches, 2)) == whole.rows
 
 
@@ -161,7 +183,9 @@ def test_many_logs_make_as_many_batches_as_wanted(plan: Plan, folder: Path) -> N
     few, many = PassesOverData(plan, logs[:1]), PassesOverData(plan, logs * 10)
     assert BATCHES <= len(few.batches) <= 2 * BATCHES
     assert len(many.batches) == BATCHES
-    assert many.observation.rows == 10 * sum(PassesOverData(plan, [log]).observation.rows for log in logs)
+    assert many.observation.rows == 10 * sum(
+        PassesOverData(plan, [log]).observation.rows for log in logs
+    )
 
 
 def test_intervals_from_factors_are_those_from_rows(plan: Plan, folder: Path) -> None:
@@ -172,7 +196,9 @@ def test_intervals_from_factors_are_those_from_rows(plan: Plan, folder: Path) ->
     batcher.begin(start, length)
     for piece in batcher.pieces(block):
         ends = [time for times in piece.times for time in (times[0], times[-1])]
-        batcher.add(block.source, min(ends), max(ends), model_rows.observed(rows.layout, piece))
+        batcher.add(
+            block.source, min(ends), max(ends), model_rows.observed(rows.layout, piece)
+        )
     batches = batcher.batches()
     estimate = irls(total(batches), rows.units)
     expected = clustered(rows, estimate, seconds=length / 10)
@@ -222,23 +248,33 @@ def test_a_reader_stops_when_nobody_listens() -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 400), st.integers(0, 90), st.integers(0, 2**32 - 1))
-def test_factors_of_parts_are_those_of_the_whole(rows: int, columns: int, seed: int) -> None:
+def test_factors_of_parts_are_those_of_the_whole(
+    rows: int, columns: int, seed: int
+) -> None:
     matrix = np.random.default_rng(seed).standard_normal((rows, columns))
     found = upper_triangle(matrix[: rows // 3], matrix[rows // 3 :])
     assert found.shape == (columns, columns)
     assert not np.tril(found, -1).any()
     assert np.all(np.diagonal(found) >= 0)
-    np.testing.assert_allclose(found.T @ found, matrix.T @ matrix, atol=1e-12 * max(rows, 1))
+    np.testing.assert_allclose(
+        found.T @ found, matrix.T @ matrix, atol=1e-12 * max(rows, 1)
+    )
     if 0 < columns <= rows:
         R = np.linalg.qr(matrix, mode="r")
         np.testing.assert_allclose(np.abs(found), np.abs(R), atol=1e-9)
 
 
-def test_a_stretch_that_is_too_short_is_left_out(plan: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stretch_that_is_too_short_is_left_out(
+    plan: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Never the whole log, unless there is nothing else."""
-    (piece,) = model_plan.read_log(folder / "run1.parquet", plan.base.mechanism, plan.columns)
+    (piece,) = model_plan.read_log(
+        folder / "run1.parquet", plan.base.mechanism, plan.columns
+    )
     (segment,) = piece.segments
-    short = replace(segment, signals={name: values[:25] for name, values in segment.signals.items()})
+    short = replace(
+        segment, signals={name: values[:25] for name, values in segment.signals.items()}
+    )
     pieces = [replace(piece, segments=(short, segment))]
     monkeypatch.setattr(model_plan, "read_log", lambda *_, **__: iter(pieces))
     assert len(list(plan.samples("run1"))) == 1

@@ -98,14 +98,19 @@ class Trial:
     def white(self, seed: int) -> list[Floats]:
         """Errors of the outputs, each with a deviation of its own."""
         rng = np.random.default_rng(seed)
-        return [s * rng.standard_normal(len(y)) for s, y in zip(self.noise, self.exact, strict=True)]
+        return [
+            s * rng.standard_normal(len(y))
+            for s, y in zip(self.noise, self.exact, strict=True)
+        ]
 
     def coloured(self, seed: int) -> list[Floats]:
         """Errors that resemble their neighbours."""
         found = []
         for error in self.white(seed):
             start = [MEMORY * error[0] / np.sqrt(1 - MEMORY**2)]
-            found.append(lfilter([np.sqrt(1 - MEMORY**2)], [1, -MEMORY], error, zi=start)[0])
+            found.append(
+                lfilter([np.sqrt(1 - MEMORY**2)], [1, -MEMORY], error, zi=start)[0]
+            )
         return found
 
 
@@ -126,12 +131,24 @@ def trial(name: str) -> Trial:
     rows = ModelRows.of(base, [system.samples(motion)])
     blocks = list(rows.blocks())
     stacked = [
-        [np.concatenate([getattr(block, part)[i] for block in blocks]) for i in range(len(rows.layout.outputs))]
+        [
+            np.concatenate([getattr(block, part)[i] for block in blocks])
+            for i in range(len(rows.layout.outputs))
+        ]
         for part in ("matrices", "y", "times")
     ]
     matrices, exact, times = (tuple(some) for some in stacked)
     factors = tuple(qr(matrix, mode="economic") for matrix in matrices)
-    return Trial(rows.layout, rows.units, matrices, exact, times, factors, np.array(system.noise), truth)
+    return Trial(
+        rows.layout,
+        rows.units,
+        matrices,
+        exact,
+        times,
+        factors,
+        np.array(system.noise),
+        truth,
+    )
 
 
 def hits(estimates: Iterator[Estimate], truth: Floats, level: float = 0.95) -> Hits:
@@ -162,18 +179,28 @@ def assert_nominal(found: Hits, level: float, slack: float) -> None:
 @pytest.mark.parametrize("name", slow_unless(["arm"], ALL))
 def test_classical_intervals_cover(name: str) -> None:
     data = trial(name)
-    estimates = [irls(data.observation(data.white(seed)), data.units) for seed in range(SEEDS)]
+    estimates = [
+        irls(data.observation(data.white(seed)), data.units) for seed in range(SEEDS)
+    ]
     for level in LEVELS:
-        assert_nominal(hits(iter(estimates), data.truth, level), level, 0.02 if level < 0.9 else 0.01)
+        assert_nominal(
+            hits(iter(estimates), data.truth, level),
+            level,
+            0.02 if level < 0.9 else 0.01,
+        )
     # not one by one: (ζ̂ − ζ)ᵀ C⁻¹ (ζ̂ − ζ) is on average the number of parameters
     errors = np.array([estimate.values - data.truth for estimate in estimates])
     scale = np.median([estimate.std for estimate in estimates], axis=0)
     squares = [
-        e / scale @ np.linalg.solve(estimate.covariance / np.outer(scale, scale), e / scale)
+        e
+        / scale
+        @ np.linalg.solve(estimate.covariance / np.outer(scale, scale), e / scale)
         for e, estimate in zip(errors, estimates, strict=True)
     ]
     n = len(data.truth)
-    assert np.mean(squares) == pytest.approx(n, abs=4 * np.sqrt(2 * n / SEEDS) + 0.01 * n)
+    assert np.mean(squares) == pytest.approx(
+        n, abs=4 * np.sqrt(2 * n / SEEDS) + 0.01 * n
+    )
     # neither the estimates nor the noise are off on average
     assert np.abs(errors.mean(axis=0) / errors.std(axis=0) * np.sqrt(SEEDS)).max() < 4.5
     noise = np.array([estimate.noise for estimate in estimates])
@@ -183,19 +210,27 @@ def test_classical_intervals_cover(name: str) -> None:
 def test_factors_are_those_of_the_rows() -> None:
     data = trial("arm")
     errors = data.white(3)
-    one, other = (irls(some, data.units) for some in (data.observation(errors), data.rows(errors).observation()))
+    one, other = (
+        irls(some, data.units)
+        for some in (data.observation(errors), data.rows(errors).observation())
+    )
     np.testing.assert_allclose(one.values, other.values, rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(one.std, other.std, rtol=1e-8)
 
 
 def test_ten_parameters_fewer_without_the_base() -> None:
-    assert len(trial("floating").truth) - len(trial("floating, joint torques").truth) == 10
+    assert (
+        len(trial("floating").truth) - len(trial("floating, joint torques").truth) == 10
+    )
 
 
 def test_one_noise_for_outputs_of_several_units_does_not_cover() -> None:
     """Newtons and newton metres do not have the same noise, which is what textbook least squares takes for granted."""
     data = trial("wrist sensor")
-    found = hits((ols(data.observation(data.white(seed)), data.units) for seed in range(SEEDS)), data.truth)
+    found = hits(
+        (ols(data.observation(data.white(seed)), data.units) for seed in range(SEEDS)),
+        data.truth,
+    )
     rates = found.mean(axis=0)
     assert rates.min() < 0.9
     assert np.median(rates) > 0.99
@@ -204,7 +239,9 @@ def test_one_noise_for_outputs_of_several_units_does_not_cover() -> None:
 # -- noise with a memory -----------------------------------------------------------------------------------------------
 
 
-def batched(data: Trial, noise: Callable[[int], list[Floats]], seeds: int) -> Iterator[Estimate]:
+def batched(
+    data: Trial, noise: Callable[[int], list[Floats]], seeds: int
+) -> Iterator[Estimate]:
     for seed in range(seeds):
         errors = noise(seed)
         yield clustered(data.rows(errors), irls(data.observation(errors), data.units))
@@ -213,7 +250,13 @@ def batched(data: Trial, noise: Callable[[int], list[Floats]], seeds: int) -> It
 @pytest.mark.slow
 def test_classical_intervals_are_too_narrow_for_noise_with_a_memory() -> None:
     data = trial("arm")
-    found = hits((irls(data.observation(data.coloured(seed)), data.units) for seed in range(200)), data.truth)
+    found = hits(
+        (
+            irls(data.observation(data.coloured(seed)), data.units)
+            for seed in range(200)
+        ),
+        data.truth,
+    )
     assert found.mean() < 0.8
 
 
@@ -240,7 +283,9 @@ def test_intervals_from_batches_cover_noise_with_a_memory(name: str) -> None:
 # -- noise in the positions as well ------------------------------------------------------------------------------------
 
 
-def prepared(system: System, base: BaseModel, seed: int, blur: float, preparation: Preparation) -> ModelRows:
+def prepared(
+    system: System, base: BaseModel, seed: int, blur: float, preparation: Preparation
+) -> ModelRows:
     """Rows of a noisy log that holds positions and outputs only, differentiated and filtered."""
     motion, rng = motion_of(system), np.random.default_rng(seed)
     exact = system.samples(motion)
@@ -286,7 +331,10 @@ def test_the_whole_way_from_a_log_covers(name: str, tmp_path: Path) -> None:
     setup = system.load(tmp_path)
     setup = setup.with_settings(physical=False, essential="none")
     motion, mechanism = motion_of(system), setup.mechanism
-    logs = (system.log(motion, tmp_path / f"run{seed}", mechanism, seed) for seed in range(25))
+    logs = (
+        system.log(motion, tmp_path / f"run{seed}", mechanism, seed)
+        for seed in range(25)
+    )
     rates = hits((identify(setup, [log]).estimate for log in logs), truth).mean(axis=1)
     # batches that are left out in turn err on the safe side, most where data are poor as in the five-bar's small range
     assert rates.mean() > 0.94 - 4 * rates.std() / np.sqrt(len(rates))

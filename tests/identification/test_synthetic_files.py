@@ -23,7 +23,13 @@ def test_written_files(name: str) -> None:
         "urdf": {"identified.urdf"},
         "mjcf": {"identified.xml"},
     }
-    assert names == {"model.json", "report.html", "model.c", "model.h", *robots[result.system.robot]}
+    assert names == {
+        "model.json",
+        "report.html",
+        "model.c",
+        "model.h",
+        *robots[result.system.robot],
+    }
 
 
 @pytest.mark.parametrize("name", params())
@@ -41,7 +47,11 @@ def test_the_physical_robot_is_one(name: str) -> None:
         least, middle, largest = np.linalg.eigvalsh(about)
         assert least > 0
         assert least + middle >= largest
-    assert all(v >= 0 for c, v in zip(mechanism.columns, result.physical, strict=True) if c.body is None)
+    assert all(
+        v >= 0
+        for c, v in zip(mechanism.columns, result.physical, strict=True)
+        if c.body is None
+    )
 
 
 @pytest.mark.parametrize("name", params("mjcf"))
@@ -53,8 +63,14 @@ def test_mjcf_in_mujoco(name: str) -> None:
     lacking = ("Fv4", "Fc4", "Ia4") if result.system.name == "motor side" else ()
     assert all(f"{name} = " in text for name in lacking)
     kept = np.array([name in lacking for name in result.base.mechanism.parameters])
-    written += result.base.standard_regressor(*result.states(motion))[..., kept] @ result.physical[kept]
-    assert_same(written, result.base.standard_regressor(*result.states(motion)) @ result.physical)
+    written += (
+        result.base.standard_regressor(*result.states(motion))[..., kept]
+        @ result.physical[kept]
+    )
+    assert_same(
+        written,
+        result.base.standard_regressor(*result.states(motion)) @ result.physical,
+    )
     assert_predicts(result, written)
 
 
@@ -64,7 +80,9 @@ def test_urdf_in_pinocchio(name: str) -> None:
     result = result_of(name)
     motion, floating = result.fresh, bool(result.system.reading)
     states = result.states(motion)
-    efforts = pinocchio_efforts(result.base.mechanism, result.text("identified.urdf"), states, floating)
+    efforts = pinocchio_efforts(
+        result.base.mechanism, result.text("identified.urdf"), states, floating
+    )
     efforts += result.effects(motion)
     assert_same(efforts, result.base.standard_regressor(*states) @ result.physical)
     assert_predicts(result, efforts)
@@ -76,12 +94,19 @@ def test_urdf_in_mujoco(name: str) -> None:
     result = result_of(name)
     motion, text = result.fresh, result.text("identified.urdf")
     written = result.system.inverse(text, motion.q, motion.qd, motion.qdd)
-    rotors = np.array([name.startswith("Ia") for name in result.base.mechanism.parameters])
-    written += result.base.standard_regressor(*result.states(motion))[..., rotors] @ result.physical[rotors]
+    rotors = np.array(
+        [name.startswith("Ia") for name in result.base.mechanism.parameters]
+    )
+    written += (
+        result.base.standard_regressor(*result.states(motion))[..., rotors]
+        @ result.physical[rotors]
+    )
     assert_predicts(result, written)
 
 
-@pytest.mark.parametrize("name", [some for some in params("mjcf") if some.values != ("five-bar",)])
+@pytest.mark.parametrize(
+    "name", [some for some in params("mjcf") if some.values != ("five-bar",)]
+)
 def test_mjcf_in_pinocchio(name: str) -> None:
     """Pinocchio reads the bodies and armatures of MJCF files as well."""
     result = result_of(name)
@@ -90,12 +115,21 @@ def test_mjcf_in_pinocchio(name: str) -> None:
     model = pin.buildModelFromMJCF(str(result.folder / "identified.xml"))
     data, motion = model.createData(), result.fresh
     assert model.nv == 4
-    efforts = [pin.rnea(model, data, *state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)]
+    efforts = [
+        pin.rnea(model, data, *state)
+        for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
+    ]
     mechanism = result.base.mechanism
     kept = np.array(
-        [c.body is not None or n in _ARMATURES for c, n in zip(mechanism.columns, mechanism.parameters, strict=True)]
+        [
+            c.body is not None or n in _ARMATURES
+            for c, n in zip(mechanism.columns, mechanism.parameters, strict=True)
+        ]
     )
-    expected = result.base.standard_regressor(*result.states(motion))[..., kept] @ result.physical[kept]
+    expected = (
+        result.base.standard_regressor(*result.states(motion))[..., kept]
+        @ result.physical[kept]
+    )
     if result.system.name == "motor side":
         expected = expected @ result.system.rates  # τ_q = Tᵀ τ_θ
     assert_same(np.array(efforts), expected[:, :4])
@@ -118,9 +152,14 @@ def test_band_speeds_and_left_out_rows_are_part_of_the_model() -> None:
     assert [found["output"] for found in ranges] == names
     for k, found in enumerate(ranges):
         assert found["band"] == result.document["preparation"]["band"]
-        assert found["rows"] - found["left_out"] == result.document["estimate"]["rows"][found["output"]]
+        assert (
+            found["rows"] - found["left_out"]
+            == result.document["estimate"]["rows"][found["output"]]
+        )
         assert found["slowest"] == result.document["preparation"]["still"]
-        fastest = np.abs(motion.qd[:, k]).max()  # in the whole log, of which a part is fitted
+        fastest = np.abs(
+            motion.qd[:, k]
+        ).max()  # in the whole log, of which a part is fitted
         assert 0.5 * fastest < found["fastest"] < 1.05 * fastest
         words = f"{found['output']} at {found['slowest']:.2g} to {found['fastest']:.3g} rad/s"
         assert words in result.document["verdict"]

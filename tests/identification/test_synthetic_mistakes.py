@@ -36,7 +36,9 @@ def of_kind(result: Identification, kind: str) -> list[Finding]:
 
 def test_a_good_log_gives_no_finding(tmp_path: Path) -> None:
     result = found(motion_of(ARM), tmp_path)
-    assert {finding.kind for finding in result.findings} == {"smooth"}  # as simulated positions are
+    assert {finding.kind for finding in result.findings} == {
+        "smooth"
+    }  # as simulated positions are
     assert result.reasons == ()
     assert result.verdict.startswith(GOOD)
 
@@ -52,36 +54,59 @@ def test_faults_of_a_log_that_only_validates_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("flicker", [0.0, 1e-4])
-def test_a_validation_at_rest_says_that_it_cannot_judge(flicker: float, tmp_path: Path) -> None:
+def test_a_validation_at_rest_says_that_it_cannot_judge(
+    flicker: float, tmp_path: Path
+) -> None:
     """What holds a robot at rest, dry friction, a brake or a hand, is in no model."""
     setup, motion = ARM.load(tmp_path), motion_of(ARM)
-    held = np.round(np.random.default_rng(3).uniform(0.45, 0.5001, motion.q.shape)) * flicker + motion.q[700]
+    held = (
+        np.round(np.random.default_rng(3).uniform(0.45, 0.5001, motion.q.shape))
+        * flicker
+        + motion.q[700]
+    )
     pushed = motion.y[700] + 5 * np.sin(motion.time)[:, None]
     still = replace(motion, q=held, qd=0 * motion.qd, qdd=0 * motion.qdd, y=pushed)
     good = ARM.log(motion, tmp_path / "good", setup.mechanism)
-    result = identify(setup, [good], [ARM.log(still, tmp_path / "still", setup.mechanism, seed=1)])
-    assert result.verdict.startswith("Nothing can be said on data that the fit did not see")
+    result = identify(
+        setup, [good], [ARM.log(still, tmp_path / "still", setup.mechanism, seed=1)]
+    )
+    assert result.verdict.startswith(
+        "Nothing can be said on data that the fit did not see"
+    )
     assert "its joint rests" in result.verdict
     assert not of_kind(result, "culprit")
     assert result.reasons
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-9])
-def test_torques_of_a_robot_lighter_than_any_are_not_predicted_well(scale: float, tmp_path: Path) -> None:
+def test_torques_of_a_robot_lighter_than_any_are_not_predicted_well(
+    scale: float, tmp_path: Path
+) -> None:
     """All inertias are scaled alike, so that the prediction is as good as with the right unit."""
     setup, motion = ARM.load(tmp_path), motion_of(ARM)
-    noisy = motion.y + np.array(ARM.noise) * np.random.default_rng(2).standard_normal(motion.y.shape)
-    log = ARM.log(replace(motion, y=scale * noisy), tmp_path / "weak", setup.mechanism, seed=None)
+    noisy = motion.y + np.array(ARM.noise) * np.random.default_rng(2).standard_normal(
+        motion.y.shape
+    )
+    log = ARM.log(
+        replace(motion, y=scale * noisy), tmp_path / "weak", setup.mechanism, seed=None
+    )
     result = identify(setup, [log])
     assert min(score.r2 for score in result.validations[-1].scores) > 0.98
     assert result.verdict.startswith("The model should not be used")
     assert any("kg at a length of" in reason for reason in result.reasons)
 
 
-def test_a_sign_that_is_wrong_in_a_log_that_only_validates_is_named(tmp_path: Path) -> None:
+def test_a_sign_that_is_wrong_in_a_log_that_only_validates_is_named(
+    tmp_path: Path,
+) -> None:
     setup, motion = ARM.load(tmp_path), motion_of(ARM)
     good = ARM.log(motion, tmp_path / "good", setup.mechanism)
-    bad = ARM.log(replace(motion, q=motion.q * [1, -1, 1, 1, 1]), tmp_path / "bad", setup.mechanism, seed=1)
+    bad = ARM.log(
+        replace(motion, q=motion.q * [1, -1, 1, 1, 1]),
+        tmp_path / "bad",
+        setup.mechanism,
+        seed=1,
+    )
     result = identify(setup, [good], [bad])
     (fault,) = of_kind(result, "culprit")
     assert fault.where == str(bad)
@@ -105,19 +130,25 @@ def test_one_output_in_amperes_is_named(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def still(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Floats, Floats]:
+def still(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Identification, Floats, Floats]:
     """A log in which the third joint does not move; with the truth and the exact reduced regressor."""
     folder = tmp_path_factory.mktemp("still")
     q, qd, qdd = fourier(np.random.default_rng(11), 5, 0.9)
     q[:, 2], qd[:, 2], qdd[:, 2] = 0.3, 0, 0
-    motion = Motion(np.arange(len(q)) / RATE, q, qd, qdd, ARM.inverse(ARM.mjcf(TRUE), q, qd, qdd))
+    motion = Motion(
+        np.arange(len(q)) / RATE, q, qd, qdd, ARM.inverse(ARM.mjcf(TRUE), q, qd, qdd)
+    )
     result = found(motion, folder)
     (folder / "true").mkdir()
     base, standard = ARM.truth(folder / "true")
     return result, base.values(standard), base.regressor(q, qd, qdd)
 
 
-def test_open_combinations_are_counted(still: tuple[Identification, Floats, Floats]) -> None:
+def test_open_combinations_are_counted(
+    still: tuple[Identification, Floats, Floats],
+) -> None:
     result, _, X = still
     # of a joint that rests, dry friction takes whatever torque there is, so its rows say nothing
     rows = X[:, [0, 1, 3, 4]].reshape(-1, X.shape[2])
@@ -125,28 +156,42 @@ def test_open_combinations_are_counted(still: tuple[Identification, Floats, Floa
     singular = np.linalg.svd(rows / np.where(scales == 0, 1, scales), compute_uv=False)
     rank = int(np.sum(singular > 1e-9 * singular[0]))
     assert result.conditioning.rank == rank < result.base.rank
-    assert sum(direction.singular_value == 0 for direction in result.conditioning.weak) == result.base.rank - rank
+    assert (
+        sum(direction.singular_value == 0 for direction in result.conditioning.weak)
+        == result.base.rank - rank
+    )
     said = [finding.text for finding in of_kind(result, "conditioning")]
-    assert sum(f"the data determine {rank} of 42 base parameters" in text for text in said) == 1
+    assert (
+        sum(f"the data determine {rank} of 42 base parameters" in text for text in said)
+        == 1
+    )
 
 
-def test_open_combinations_are_named_with_advice(still: tuple[Identification, Floats, Floats]) -> None:
+def test_open_combinations_are_named_with_advice(
+    still: tuple[Identification, Floats, Floats],
+) -> None:
     result = still[0]
     advice = [direction.advice for direction in result.conditioning.weak]
     for friction in ("Fv3", "Fc3"):
         said = f"the data do not show {friction}: move j3 at more different speeds, in both directions"
         assert said in advice
     assert all("j3" in some for some in advice)
-    assert {finding.text for finding in of_kind(result, "conditioning")} >= set(advice[:10])
+    assert {finding.text for finding in of_kind(result, "conditioning")} >= set(
+        advice[:10]
+    )
     (constant,) = of_kind(result, "constant")
     assert "'j3'" in constant.where
 
 
-def test_what_is_determined_is_right(still: tuple[Identification, Floats, Floats]) -> None:
+def test_what_is_determined_is_right(
+    still: tuple[Identification, Floats, Floats],
+) -> None:
     result, truth, _ = still
     determined = result.conditioning.independent_share > 0
     assert 5 < determined.sum() < len(truth)
-    errors = (result.estimate.values - truth)[determined] / result.estimate.std[determined]
+    errors = (result.estimate.values - truth)[determined] / result.estimate.std[
+        determined
+    ]
     assert np.abs(errors).max() < 6
     assert np.mean(errors**2) < 3
     open_ = ~determined
@@ -170,32 +215,50 @@ def _stranger(_: Motion) -> Motion:
         "j5": (0.0, 0.0, 1.0),
     }
     parts = tuple(
-        replace(part, axis=axes[part.joint], at=(2 * part.at[0], 2 * part.at[1], 2 * part.at[2])) for part in ARM.parts
+        replace(
+            part,
+            axis=axes[part.joint],
+            at=(2 * part.at[0], 2 * part.at[1], 2 * part.at[2]),
+        )
+        for part in ARM.parts
     )
     states = fourier(np.random.default_rng(5), 5, 0.9)
     other = replace(ARM, parts=parts)
-    return Motion(np.arange(len(states[0])) / RATE, *states, other.inverse(other.mjcf(), *states))
+    return Motion(
+        np.arange(len(states[0])) / RATE, *states, other.inverse(other.mjcf(), *states)
+    )
 
 
 MISTAKES: dict[str, tuple[Callable[[Motion], Motion], str]] = {
-    "sign of a torque": (lambda m: replace(m, y=m.y * _turned(1)), "sign of the output of 'j2' (column 'tau_2')"),
+    "sign of a torque": (
+        lambda m: replace(m, y=m.y * _turned(1)),
+        "sign of the output of 'j2' (column 'tau_2')",
+    ),
     "exchanged positions": (
         lambda m: replace(m, q=m.q[:, [0, 2, 1, 3, 4]]),
         "position of 'j2' (column 'q_2') and the position of 'j3' (column 'q_3') are exchanged",
     ),
-    "a slow clock": (lambda m: replace(m, time=1.5 * m.time), "the clock is wrong: the rate is about 1.5"),
+    "a slow clock": (
+        lambda m: replace(m, time=1.5 * m.time),
+        "the clock is wrong: the rate is about 1.5",
+    ),
     "another robot": (_stranger, ""),
 }
 
 
 @pytest.mark.parametrize(
-    "name", slow_unless(lambda name: name not in ("a slow clock", "exchanged positions"), MISTAKES)
+    "name",
+    slow_unless(
+        lambda name: name not in ("a slow clock", "exchanged positions"), MISTAKES
+    ),
 )
 def test_mistakes_are_named(name: str, tmp_path: Path) -> None:
     """Least squares would have 42 numbers for anything, but they are those of no robot, or predict badly."""
     plant, words = MISTAKES[name]
     result = found(plant(motion_of(ARM)), tmp_path)
-    assert result.verdict.startswith(("The model should not be used", "The model is poor", "The model cannot"))
+    assert result.verdict.startswith(
+        ("The model should not be used", "The model is poor", "The model cannot")
+    )
     assert result.reasons
     named = [finding.text for finding in of_kind(result, "culprit")]
     assert len(named) == bool(words)
@@ -204,10 +267,15 @@ def test_mistakes_are_named(name: str, tmp_path: Path) -> None:
 
 def test_torques_that_have_nothing_to_do_with_the_motion(tmp_path: Path) -> None:
     motion = motion_of(ARM)
-    result = found(replace(motion, y=np.random.default_rng(0).normal(size=motion.y.shape)), tmp_path)
+    result = found(
+        replace(motion, y=np.random.default_rng(0).normal(size=motion.y.shape)),
+        tmp_path,
+    )
     (finding,) = of_kind(result, "stranger")
     assert "is this log of another robot, or are columns exchanged" in finding.text
-    assert result.verdict.startswith("Nothing can be said: no output varied by more than its sensor's noise")
+    assert result.verdict.startswith(
+        "Nothing can be said: no output varied by more than its sensor's noise"
+    )
     assert result.reasons
 
 
@@ -242,7 +310,9 @@ def test_a_robot_with_fewer_joints_is_refused(tmp_path: Path) -> None:
     folder.mkdir()
     setup = ARM.load(folder)
     rows = np.column_stack([fewer.time, fewer.q, fewer.y])
-    head = ",".join(["time", *(f"q_{k}" for k in range(1, 5)), *(f"tau_{k}" for k in range(1, 5))])
+    head = ",".join(
+        ["time", *(f"q_{k}" for k in range(1, 5)), *(f"tau_{k}" for k in range(1, 5))]
+    )
     log = folder / "run.csv"
     np.savetxt(log, rows, delimiter=",", header=head, comments="")
     with pytest.raises(InputError, match=r"there are no columns 'q_5' .*, 'tau_5' "):

@@ -14,7 +14,14 @@ import pytest
 from support.command_line import run
 from support.generated_code import compiled
 from support.simulated_models import Floats
-from support.simulated_results import FRESH, Result, assert_predicts, assert_same, params, result_of
+from support.simulated_results import (
+    FRESH,
+    Result,
+    assert_predicts,
+    assert_same,
+    params,
+    result_of,
+)
 from support.simulated_robots import Motion, System
 from support.simulated_systems import motion_of
 from support.system_tools import tool
@@ -34,7 +41,10 @@ def test_estimates_are_the_truth_to_within_their_deviations(result: Result) -> N
     errors = (values - result.truth) / np.sqrt(np.diagonal(result.covariance))
     assert np.abs(errors).max() < 5
     assert np.mean(errors**2) < 2.5
-    inside = [low <= truth <= high for (low, high), truth in zip(intervals(estimate), result.truth, strict=True)]
+    inside = [
+        low <= truth <= high
+        for (low, high), truth in zip(intervals(estimate), result.truth, strict=True)
+    ]
     assert np.mean(inside) > 0.75
 
 
@@ -46,7 +56,12 @@ def test_the_summary_says_that_all_is_well(result: Result) -> None:
     document = result.document
     assert document["conditioning"]["rank"] == result.base.rank
     assert document["feasibility"]["feasible"] is True
-    scores = [score for v in document["validations"] if v["role"] == "validation" for score in v["scores"]]
+    scores = [
+        score
+        for v in document["validations"]
+        if v["role"] == "validation"
+        for score in v["scores"]
+    ]
     assert len(scores) == len(result.system.noise)
     assert min(score["whole"]["r2"] for score in scores) > 0.98
     assert "stranger" not in {finding["kind"] for finding in document["findings"]}
@@ -58,7 +73,12 @@ def test_noise_is_found(result: Result) -> None:
     motion = motion_of(result.system)
     nyquist = 0.5 / (motion.time[1] - motion.time[0])
     share = np.sqrt(result.model.preparation.band / nyquist)
-    noise = np.array([result.document["estimate"]["noise"][o.name] for o in result.base.mechanism.outputs])
+    noise = np.array(
+        [
+            result.document["estimate"]["noise"][o.name]
+            for o in result.base.mechanism.outputs
+        ]
+    )
     ratio = noise / share / result.system.noise
     # the band leaves 40 to 130 independent rows of an output, which tell a deviation to 6 to 11 %
     assert (ratio > 0.85).all(), ratio
@@ -79,8 +99,17 @@ def test_fresh_motions_are_predicted(result: Result) -> None:
 def test_predict_command(result: Result, tmp_path: Path) -> None:
     """``echelon predict`` gives the model's outputs at every row of a log; its scores are those of validation."""
     motion = motion_of(result.system, FRESH)
-    log = result.system.log(motion, tmp_path / "fresh", result.base.mechanism, seed=None)
-    done = run("predict", str(result.folder / "model.json"), str(log), "-o", str(tmp_path / "out.csv"), "--json")
+    log = result.system.log(
+        motion, tmp_path / "fresh", result.base.mechanism, seed=None
+    )
+    done = run(
+        "predict",
+        str(result.folder / "model.json"),
+        str(log),
+        "-o",
+        str(tmp_path / "out.csv"),
+        "--json",
+    )
     assert done.returncode == 0, done.stderr
     with (tmp_path / "out.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -89,8 +118,15 @@ def test_predict_command(result: Result, tmp_path: Path) -> None:
     exact = result.base.predict(samples.q, samples.qd, samples.qdd, result.model.values)
     first = round((samples.start - float(rows[0]["time"])) * samples.rate)
     some = slice(first + samples.first, first + (samples.stop or len(samples)))
-    for values, output in zip(exact[samples.first : samples.stop].T, result.base.mechanism.outputs, strict=True):
-        assert_same(np.array([float(row[f"{output.name}.predicted"]) for row in rows[some]]), values)
+    for values, output in zip(
+        exact[samples.first : samples.stop].T,
+        result.base.mechanism.outputs,
+        strict=True,
+    ):
+        assert_same(
+            np.array([float(row[f"{output.name}.predicted"]) for row in rows[some]]),
+            values,
+        )
     scores = json.loads(done.stdout)["outputs"].values()
     assert min(score["whole"]["r2"] for score in scores) > 0.98
 
@@ -98,7 +134,10 @@ def test_predict_command(result: Result, tmp_path: Path) -> None:
 def test_compiled_code_is_the_model(result: Result, tmp_path: Path) -> None:
     library = tmp_path / "model.so"
     source = str(result.folder / "model.c")
-    code = compiled([tool("gcc"), "-O1", "-shared", "-fPIC", source, "-o", str(library), "-lm"], library)
+    code = compiled(
+        [tool("gcc"), "-O1", "-shared", "-fPIC", source, "-o", str(library), "-lm"],
+        library,
+    )
     motion = result.fresh
     expected = result.base.predict(*result.states(motion), result.model.values)
     assert_same(called(code, result.system, motion, expected.shape[1]), expected)
@@ -109,7 +148,9 @@ def called(code: ctypes.CDLL, system: System, motion: Motion, outputs: int) -> F
     found = np.full((len(motion.time), outputs), np.nan)
     moving = list(system.independent) or slice(None)
     for k, (q, qd, qdd) in enumerate(zip(motion.q, motion.qd, motion.qdd, strict=True)):
-        code.model_inverse_dynamics(*map(_pointer, (q, qd[moving].copy(), qdd[moving].copy(), found[k])))
+        code.model_inverse_dynamics(
+            *map(_pointer, (q, qd[moving].copy(), qdd[moving].copy(), found[k]))
+        )
     return found
 
 

@@ -13,7 +13,16 @@ from support.trap_logs import ROBOTS, TRAPS, TrapLog, trap_log
 from support.trap_logs import arm as trap_arm
 
 NAMED = (
-    *("tilt", "payload_mid", "gravcomp", "temp", "gain", "sign", "exchanged", "stribeck"),
+    *(
+        "tilt",
+        "payload_mid",
+        "gravcomp",
+        "temp",
+        "gain",
+        "sign",
+        "exchanged",
+        "stribeck",
+    ),
     *("sea", "backlash", "coupled", "saturate", "negative"),
 )
 UNHARMED = ("clean", "tool", "quant")
@@ -26,7 +35,9 @@ def found(arm: str, trap: str) -> tuple[TrapLog, ec.Identification]:
     return log, ec.identify(robot_file(ROBOTS[arm]), log.columns)
 
 
-@pytest.mark.parametrize(("arm", "trap"), slow_unless(QUICK, [(arm, trap) for arm in ARMS for trap in NAMED]))
+@pytest.mark.parametrize(
+    ("arm", "trap"), slow_unless(QUICK, [(arm, trap) for arm in ARMS for trap in NAMED])
+)
 def test_what_is_wrong_is_named_before_all_else(arm: str, trap: str) -> None:
     log, result = found(arm, trap)
     assert log.named(result), result.findings
@@ -34,7 +45,10 @@ def test_what_is_wrong_is_named_before_all_else(arm: str, trap: str) -> None:
     assert not log.wrong(result)
 
 
-@pytest.mark.parametrize(("arm", "trap"), slow_unless(QUICK, [(arm, trap) for arm in ARMS for trap in UNHARMED]))
+@pytest.mark.parametrize(
+    ("arm", "trap"),
+    slow_unless(QUICK, [(arm, trap) for arm in ARMS for trap in UNHARMED]),
+)
 def test_where_nothing_is_wrong_nothing_is_named(arm: str, trap: str) -> None:
     log, result = found(arm, trap)
     assert not log.wrong(result)
@@ -48,7 +62,12 @@ def test_rows_at_a_limit_of_the_sensor_are_left_out() -> None:
     assert log.named_first(result)
     covered, parameters = log.coverage(result) or (0, 0)
     assert covered > 0.9 * parameters > 0
-    assert min(score.r2 for validation in result.validations for score in validation.scores) > 0.999
+    assert (
+        min(
+            score.r2 for validation in result.validations for score in validation.scores
+        )
+        > 0.999
+    )
 
 
 @pytest.mark.slow
@@ -60,10 +79,14 @@ def test_sizes_of_what_gives_way_are_about_right(arm: str) -> None:
     said = {
         name: float(size)
         for judged in result.hypotheses
-        for name, size in re.findall(r"'(\w+)' gives way: its stiffness is about (\S+)", judged.words)
+        for name, size in re.findall(
+            r"'(\w+)' gives way: its stiffness is about (\S+)", judged.words
+        )
     }
     for joint in true.strong[:2]:
-        assert said[true.names[joint]] == pytest.approx(true.size[joint] / 0.03, rel=0.15)
+        assert said[true.names[joint]] == pytest.approx(
+            true.size[joint] / 0.03, rel=0.15
+        )
 
 
 def test_truth_is_of_the_model_alone() -> None:

@@ -26,14 +26,20 @@ def published() -> list[str]:
 def test_rank_with_drives_and_coupled_wrist(tx40: ec.BaseModel) -> None:
     """36 of the bodies; 4 rotor inertias that count to no link; viscous, Coulomb, offset of 6 axes; 3 of the wrist."""
     assert tx40.rank == 36 + 4 + 18 + 3
-    alone = {name for name, seen in tx40.classification.items() if seen is ec.Identifiability.ALONE}
+    alone = {
+        name
+        for name, seen in tx40.classification.items()
+        if seen is ec.Identifiability.ALONE
+    }
     assert {"Ia3", "Ia6", "Fv6", "Fc1", "Fo5", "Iam6", "fvm6", "fsm6"} <= alone
     first = tx40.expressions[0]
     assert first.name == "ZZ1"
     assert "Ia1" in str(first)
 
 
-def test_the_published_set_is_right_and_misses_one_rotor(tx40: ec.BaseModel, published: list[str]) -> None:
+def test_the_published_set_is_right_and_misses_one_rotor(
+    tx40: ec.BaseModel, published: list[str]
+) -> None:
     found = ec.audit(tx40, published)
     assert len(found.findings) == 60
     assert found.verdict.name == "INCOMPLETE"

@@ -30,7 +30,14 @@ from echelon.identification.scores import (
     pooled,
     verdict,
 )
-from echelon.identification.validation import LAGS, Correlations, CorrelationSums, TraceKeeper, thinned, validated
+from echelon.identification.validation import (
+    LAGS,
+    Correlations,
+    CorrelationSums,
+    TraceKeeper,
+    thinned,
+    validated,
+)
 from echelon.logs.preparation.prepare import Preparation
 from echelon.logs.recording import Samples
 from support.observation_rows import ArrayRows, fit_of, judged_rows
@@ -40,10 +47,16 @@ def direct(e: np.ndarray, present: np.ndarray, lag: int) -> float:
     """Autocorrelation over the pairs that there are, by its definition."""
     centred = np.where(present, e - e[present].mean(), 0)
     pairs = np.sum(present[lag:] & present[: len(e) - lag])
-    return float(np.sum(centred[lag:] * centred[: len(e) - lag]) / pairs / np.mean(centred[present] ** 2))
+    return float(
+        np.sum(centred[lag:] * centred[: len(e) - lag])
+        / pairs
+        / np.mean(centred[present] ** 2)
+    )
 
 
-def correlations(times: np.ndarray, residuals: np.ndarray, lags: int = LAGS) -> Correlations:
+def correlations(
+    times: np.ndarray, residuals: np.ndarray, lags: int = LAGS
+) -> Correlations:
     """Of one stretch of rows."""
     sums = CorrelationSums(lags)
     sums.add(times, residuals)
@@ -55,10 +68,18 @@ def correlations(times: np.ndarray, residuals: np.ndarray, lags: int = LAGS) -> 
 
 def test_ranges_of_outputs_that_rub_and_of_wrenches() -> None:
     whole, moving = fit_of(0.1, 0.9, rows=100), fit_of(0.1, 0.9, rows=97)
-    scores = (Score("j1", "N", whole, moving, whole, fastest=2.0), Score("base.fx", "N", whole, whole, whole))
+    scores = (
+        Score("j1", "N", whole, moving, whole, fastest=2.0),
+        Score("base.fx", "N", whole, whole, whole),
+    )
     preparation = Preparation(band=5.0, still={"j1": 0.01})
-    slide, wrench = fitted_ranges(preparation, Validation("log", "identification", scores))
-    assert str(slide) == "j1 at 0.01 to 2 m/s, without 3 of 100 rows near standstill, up to 5 Hz"
+    slide, wrench = fitted_ranges(
+        preparation, Validation("log", "identification", scores)
+    )
+    assert (
+        str(slide)
+        == "j1 at 0.01 to 2 m/s, without 3 of 100 rows near standstill, up to 5 Hz"
+    )
     assert str(wrench) == "base.fx, up to 5 Hz"
 
 
@@ -69,7 +90,9 @@ def test_ranges_of_outputs_that_rub_and_of_wrenches() -> None:
 @given(st.integers(0, 10_000), st.integers(1, 60), st.floats(0, 0.6), st.floats(0, 2e9))
 @case(1, 7, 0.0, 0.0)
 @case(2, 60, 0.0, 0.0)
-def test_autocorrelations_across_holes_and_blocks(seed: int, block: int, lost: float, start: float) -> None:
+def test_autocorrelations_across_holes_and_blocks(
+    seed: int, block: int, lost: float, start: float
+) -> None:
     rng = np.random.default_rng(seed)
     e = np.cumsum(rng.normal(size=150)) + 5
     present = rng.uniform(size=150) >= lost
@@ -94,7 +117,9 @@ def test_no_pair_reaches_across_segments() -> None:
     sums.add(t[25:], e[25:], 1)
     found = sums.result()
     centred = e - e.mean()
-    inside = np.sum(centred[3:25] * centred[:22]) + np.sum(centred[28:] * centred[25:57])
+    inside = np.sum(centred[3:25] * centred[:22]) + np.sum(
+        centred[28:] * centred[25:57]
+    )
     assert found.pairs[3] == 22 + 32
     assert found.values[3] == pytest.approx(inside / 54 / np.mean(centred**2))
 
@@ -120,10 +145,15 @@ def test_ljung_box_by_its_formula_and_its_level() -> None:
     c = e - e.mean()
     r = np.array([c[k:] @ c[: 120 - k] / (c @ c) for k in range(1, 21)])
     statistic = 120 * 122 * np.sum(r**2 / (120 - np.arange(1, 21)))
-    assert correlations(np.arange(120.0), e).whiteness() == pytest.approx(chi2.sf(statistic, 20))
+    assert correlations(np.arange(120.0), e).whiteness() == pytest.approx(
+        chi2.sf(statistic, 20)
+    )
     # p-values of white noise are uniform, with holes too
     t = np.flatnonzero(rng.uniform(size=900) > 0.3).astype(float)
-    p = [correlations(t, rng.normal(size=len(t)), lags=30).whiteness() for _ in range(300)]
+    p = [
+        correlations(t, rng.normal(size=len(t)), lags=30).whiteness()
+        for _ in range(300)
+    ]
     assert kstest(p, "uniform").pvalue > 1e-3
     assert correlations(t, np.sin(0.3 * t)).whiteness() < 1e-10
 
@@ -131,7 +161,9 @@ def test_ljung_box_by_its_formula_and_its_level() -> None:
 # -- scores -----------------------------------------------------------------------------------------------------------
 
 
-def example(seed: int = 6, rows: int = 400, **options: object) -> tuple[np.ndarray, np.ndarray, ArrayRows]:
+def example(
+    seed: int = 6, rows: int = 400, **options: object
+) -> tuple[np.ndarray, np.ndarray, ArrayRows]:
     rng = np.random.default_rng(seed)
     W = rng.normal(size=(rows, 2, 3))
     y = W @ [1.0, -2.0, 0.5] + [0.1, 0.5] * rng.normal(size=(rows, 2)) + [10.0, -1000.0]
@@ -144,7 +176,9 @@ def test_scores_are_those_of_all_rows_at_once(seconds: float | None) -> None:
     keep = np.random.default_rng(7).uniform(size=(400, 2)) > 0.2
     W, y, rows = example(seconds=seconds, keep=keep)
     found = judged_rows(rows, values, prior, role="validation")
-    for output, (score, of_prior) in enumerate(zip(found.scores, found.prior_scores, strict=True)):
+    for output, (score, of_prior) in enumerate(
+        zip(found.scores, found.prior_scores, strict=True)
+    ):
         measured = y[keep[:, output], output]
         for some, parameters in ((score, values), (of_prior, prior)):
             e = measured - (W[keep[:, output], output] @ parameters)
@@ -152,9 +186,13 @@ def test_scores_are_those_of_all_rows_at_once(seconds: float | None) -> None:
             assert some.rms == pytest.approx(np.sqrt(np.mean(e**2)))
             assert some.bias == pytest.approx(e.mean())
             assert some.percent == pytest.approx(100 * some.rms / np.ptp(measured))
-            assert some.r2 == pytest.approx(1 - np.sum(e**2) / np.sum((measured - measured.mean()) ** 2), rel=1e-9)
+            assert some.r2 == pytest.approx(
+                1 - np.sum(e**2) / np.sum((measured - measured.mean()) ** 2), rel=1e-9
+            )
         e = measured - W[keep[:, output], output] @ values
-        assert score.whiteness == pytest.approx(correlations(np.flatnonzero(keep[:, output]), e).whiteness())
+        assert score.whiteness == pytest.approx(
+            correlations(np.flatnonzero(keep[:, output]), e).whiteness()
+        )
     assert found.source == "arrays"
     np.testing.assert_array_equal(found.traces[0].measured, y[keep[:, 0], 0])
     np.testing.assert_allclose(found.traces[1].predicted, W[keep[:, 1], 1] @ values)
@@ -180,9 +218,13 @@ def test_a_perfect_model_and_a_constant_output() -> None:
     assert "Nothing can be said of joint2" in found.verdict
 
 
-@pytest.mark.parametrize(("values", "message"), [([1.0], "expected 6"), ([np.nan] * 6, "finite")])
+@pytest.mark.parametrize(
+    ("values", "message"), [([1.0], "expected 6"), ([np.nan] * 6, "finite")]
+)
 def test_wrong_values_are_refused(values: list[float], message: str) -> None:
-    rows = ModelRows.of(ec.base_parameters(ec.load("examples/double_pendulum.yaml")), [])
+    rows = ModelRows.of(
+        ec.base_parameters(ec.load("examples/double_pendulum.yaml")), []
+    )
     with pytest.raises(ec.InputError, match=message):
         validated(rows, [], {"model": np.array(values)}, role="validation")
 
@@ -203,9 +245,15 @@ def test_a_fit_carries_over_to_the_held_out_end_of_its_log() -> None:
     base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
     rng = np.random.default_rng(12)
     t = np.linspace(0, 20, 2001)[:, None]
-    rate, phase = np.array([[1.3, 2.9], [3.7, 1.7]])[:, None], np.array([[0.3, 1.0], [2.0, 0.1]])[:, None]
+    rate, phase = (
+        np.array([[1.3, 2.9], [3.7, 1.7]])[:, None],
+        np.array([[0.3, 1.0], [2.0, 0.1]])[:, None],
+    )
     q = np.sin(rate * t + phase).sum(axis=0)
-    qd, qdd = (rate * np.cos(rate * t + phase)).sum(axis=0), -(rate**2 * np.sin(rate * t + phase)).sum(axis=0)
+    qd, qdd = (
+        (rate * np.cos(rate * t + phase)).sum(axis=0),
+        -(rate**2 * np.sin(rate * t + phase)).sum(axis=0),
+    )
     truth = np.array([0.4, 1.0, 0.1, 0.05, 0.3, -0.02])
     y = base.predict(q, qd, qdd, truth) + 0.05 * rng.normal(size=(2001, 2))
     first, rest = split(Samples("log", 0.0, 100.0, q, qd, qdd, y), 0.3)
@@ -231,9 +279,16 @@ def test_scores_of_logs_pool_to_those_of_all_their_rows() -> None:
     parts = [fit(y[a:b], guess[a:b]) for a, b in ((0, 50), (50, 50), (50, 300))]
     whole = fit(y, guess)
     for name in Fit.__dataclass_fields__:
-        assert getattr(parts[0] + parts[1] + parts[2], name) == pytest.approx(getattr(whole, name))
-    assert (parts[0] + parts[2]).r2 == pytest.approx(1 - np.sum((y - guess) ** 2) / np.sum((y - y.mean()) ** 2))
-    logs = [Validation("a", "validation", (Score("j1", "N·m", some, some, some),)) for some in (parts[0], parts[2])]
+        assert getattr(parts[0] + parts[1] + parts[2], name) == pytest.approx(
+            getattr(whole, name)
+        )
+    assert (parts[0] + parts[2]).r2 == pytest.approx(
+        1 - np.sum((y - guess) ** 2) / np.sum((y - y.mean()) ** 2)
+    )
+    logs = [
+        Validation("a", "validation", (Score("j1", "N·m", some, some, some),))
+        for some in (parts[0], parts[2])
+    ]
     assert pooled(logs).scores[0].r2 == pytest.approx(whole.r2)
     assert pooled(logs[:1]) is logs[0]
 
@@ -247,13 +302,29 @@ def test_rows_near_rest_and_samples_without_a_filter_are_scored() -> None:
     moving = rng.uniform(size=(400, 2)) > 0.4
     clean = base.predict(q, qd, qdd, truth)
     y = clean + np.where(moving, 0.1, 0.5) * rng.normal(size=clean.shape)
-    some = Samples("log", 0.0, 100.0, q, qd, qdd, y, reduction=Mean(), first=2, stop=398, moving=moving)  # type: ignore[arg-type]
-    found = validated(ModelRows.of(base, []), [some], {"model": truth}, role="validation").scores
+    some = Samples(
+        "log",
+        0.0,
+        100.0,
+        q,
+        qd,
+        qdd,
+        y,
+        reduction=Mean(),
+        first=2,
+        stop=398,
+        moving=moving,
+    )  # type: ignore[arg-type]
+    found = validated(
+        ModelRows.of(base, []), [some], {"model": truth}, role="validation"
+    ).scores
     for k, score in enumerate(found):
         raw = (y - clean)[2:398, k]
         assert score.raw.rms == pytest.approx(np.sqrt(np.mean(raw**2)))
         assert score.whole.rms == pytest.approx(np.sqrt(np.mean(raw[::2] ** 2)))
-        assert score.moving.rms == pytest.approx(np.sqrt(np.mean(raw[::2][moving[2:398:2, k]] ** 2)))
+        assert score.moving.rms == pytest.approx(
+            np.sqrt(np.mean(raw[::2][moving[2:398:2, k]] ** 2))
+        )
         assert score.noise == pytest.approx(score.raw.rms, rel=0.3)
 
 
@@ -261,10 +332,24 @@ def test_rows_near_rest_and_samples_without_a_filter_are_scored() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 1000), st.integers(1, 3000), st.integers(1, 500), st.integers(60, 400))
-def test_traces_keep_all_peaks_and_invent_nothing(seed: int, count: int, block: int, limit: int) -> None:
+@given(
+    st.integers(0, 1000),
+    st.integers(1, 3000),
+    st.integers(1, 500),
+    st.integers(60, 400),
+)
+def test_traces_keep_all_peaks_and_invent_nothing(
+    seed: int, count: int, block: int, limit: int
+) -> None:
     rng = np.random.default_rng(seed)
-    rows = np.stack([np.arange(float(count)), *rng.standard_cauchy((2, count)), rng.normal(size=count)], axis=1)
+    rows = np.stack(
+        [
+            np.arange(float(count)),
+            *rng.standard_cauchy((2, count)),
+            rng.normal(size=count),
+        ],
+        axis=1,
+    )
     keeper = TraceKeeper(limit)
     for start in range(0, count, block):
         keeper.add(rows[start : start + block])
@@ -285,7 +370,10 @@ def test_thinning_halves() -> None:
 
 def test_scores_do_not_depend_on_how_much_is_kept() -> None:
     _, _, rows = example(rows=2000, seconds=0.1)
-    full, few = (judged_rows(rows, [1, 2, 3], role="validation", limit=limit) for limit in (10_000, 300))
+    full, few = (
+        judged_rows(rows, [1, 2, 3], role="validation", limit=limit)
+        for limit in (10_000, 300)
+    )
     assert full.scores == few.scores
     assert len(full.traces[0].time) == 2000
     assert len(few.traces[0].time) <= 300
@@ -295,21 +383,40 @@ def test_scores_do_not_depend_on_how_much_is_kept() -> None:
 # -- verdicts ---------------------------------------------------------------------------------------------------------
 
 
-def score(output: str = "j1", rms: float = 1.0, r2: float = 0.99, bias: float = 0.0, white: float = 0.5) -> Score:
+def score(
+    output: str = "j1",
+    rms: float = 1.0,
+    r2: float = 0.99,
+    bias: float = 0.0,
+    white: float = 0.5,
+) -> Score:
     found = fit_of(rms, r2, bias)
     return Score(output, "N·m", found, found, found, 0.0, 0.01, white)
 
 
-def judged(*scores: Score, prior: Sequence[Score] = (), role: str = "validation") -> Validation:
+def judged(
+    *scores: Score, prior: Sequence[Score] = (), role: str = "validation"
+) -> Validation:
     empty = np.zeros(0)
     return Validation(
-        "run2", role, scores, tuple(prior), (), tuple(Trace("j1", "", empty, empty, empty) for _ in scores)
+        "run2",
+        role,
+        scores,
+        tuple(prior),
+        (),
+        tuple(Trace("j1", "", empty, empty, empty) for _ in scores),
     )
 
 
 @pytest.mark.parametrize(
     ("r2", "expected"),
-    [(0.99, Grade.GOOD), (0.95, Grade.USABLE), (0.3, Grade.POOR), (-0.1, Grade.USELESS), (np.nan, None)],
+    [
+        (0.99, Grade.GOOD),
+        (0.95, Grade.USABLE),
+        (0.3, Grade.POOR),
+        (-0.1, Grade.USELESS),
+        (np.nan, None),
+    ],
 )
 def test_grades(r2: float, expected: Grade | None) -> None:
     assert grade(score(r2=r2)) is expected
@@ -317,7 +424,10 @@ def test_grades(r2: float, expected: Grade | None) -> None:
 
 def test_verdict_names_what_is_bad() -> None:
     text = verdict(judged(score("j1"), score("j2", r2=-0.5), score("j3", r2=0.95)))
-    assert "j1 (R² 0.99) well; j3 (R² 0.95) usably; j2 (R² -0.5) worse than a constant would" in text
+    assert (
+        "j1 (R² 0.99) well; j3 (R² 0.95) usably; j2 (R² -0.5) worse than a constant would"
+        in text
+    )
     assert "biased for j1 (0.7 N·m)" in verdict(judged(score(bias=0.7)))
     assert "biased" not in verdict(judged(score(bias=0.3)))
     assert "not white for any output" in verdict(judged(score(white=1e-5)))
@@ -331,7 +441,9 @@ def test_verdict_compares_with_the_fit_and_the_prior() -> None:
     )
     assert "carries over" in verdict(judged(score("j1"), score("j2", rms=1.4)), fitted)
     assert "carries over" not in verdict(fitted, fitted)
-    better = judged(score("j1"), score("j2"), prior=[score("j1", rms=3.0), score("j2", rms=0.5)])
+    better = judged(
+        score("j1"), score("j2"), prior=[score("j1", rms=3.0), score("j2", rms=0.5)]
+    )
     assert "beats the prior model on j1, which is better on j2" in verdict(better)
     assert "like the prior" in verdict(judged(score(), prior=[score(rms=1.01)]))
     assert "on every output" in verdict(judged(score(), prior=[score(rms=2)]))
@@ -348,12 +460,17 @@ def test_the_headline_goes_by_the_worst_output() -> None:
     well = overall_verdict(judged(score()))
     assert well.text.startswith("The model predicts every output well")
     assert well.reasons == ()
-    assert "prior model predicts better" in overall_verdict(judged(score(), prior=[score(rms=0.5)])).text
+    assert (
+        "prior model predicts better"
+        in overall_verdict(judged(score(), prior=[score(rms=0.5)])).text
+    )
     assert "no output varied" in overall_verdict(judged(score(r2=np.nan))).text
 
 
 def test_facts_contradict_the_best_prediction() -> None:
-    found = overall_verdict(judged(score(r2=0.9999)), ["no robot can have its parameters"])
+    found = overall_verdict(
+        judged(score(r2=0.9999)), ["no robot can have its parameters"]
+    )
     assert found.text.startswith("The model should not be used")
     assert "no robot can have its parameters" in found.text
     assert "well" not in found.text
@@ -364,13 +481,20 @@ def test_an_output_below_the_noise_of_its_sensor_is_not_judged() -> None:
     """Whatever else its residual is compared with, below R² 0.90 nothing is called good."""
     fitted = judged(score("j1"), score("j2"), role="identification")
     quiet = judged(score("j1"), score("j2", r2=0.4, rms=1.1))
-    assert "R² of j2 is low because the output varies little here" in verdict(quiet, fitted)
+    assert "R² of j2 is low because the output varies little here" in verdict(
+        quiet, fitted
+    )
     assert overall_verdict(quiet).text.startswith("The model is poor")
     silent = replace(quiet.scores[1], noise=2.0)
     found = overall_verdict(judged(score("j1"), silent))
     assert found.text.startswith("The model predicts every output well")
-    assert "Of j2 nothing can be said: it varies less than the noise of the sensor." in found.text
-    assert overall_verdict(judged(silent)).text.startswith("Nothing can be said: no output varied by more than")
+    assert (
+        "Of j2 nothing can be said: it varies less than the noise of the sensor."
+        in found.text
+    )
+    assert overall_verdict(judged(silent)).text.startswith(
+        "Nothing can be said: no output varied by more than"
+    )
 
 
 def test_an_output_at_rest_is_judged_only_by_what_is_predicted_well() -> None:
@@ -381,9 +505,13 @@ def test_an_output_at_rest_is_judged_only_by_what_is_predicted_well() -> None:
     assert found.text.startswith("The model predicts every output well")
     assert "Of j2 nothing can be said: its joint rests" in found.text
     alone = overall_verdict(judged(rest))
-    assert alone.text.startswith("Nothing can be said on data that the fit did not see (run2): j2: its joint rests")
+    assert alone.text.startswith(
+        "Nothing can be said on data that the fit did not see (run2): j2: its joint rests"
+    )
     assert alone.reasons
-    assert "overfitted" not in verdict(judged(rest), judged(score("j2", rms=0.1), role="identification"))
+    assert "overfitted" not in verdict(
+        judged(rest), judged(score("j2", rms=0.1), role="identification")
+    )
 
 
 def test_the_verdict_of_an_overfitted_model() -> None:
@@ -393,7 +521,10 @@ def test_the_verdict_of_an_overfitted_model() -> None:
     few, rest = ArrayRows.of(W[:30], y[:30]), ArrayRows.of(W[30:], y[30:])
     values = few.observation().combined().solve()
     seen = judged_rows(few, values, role="identification")
-    assert "overfitted" in judged_rows(rest, values, role="validation", identification=seen).verdict
+    assert (
+        "overfitted"
+        in judged_rows(rest, values, role="validation", identification=seen).verdict
+    )
 
 
 # -- what is held out -------------------------------------------------------------------------------------------------
@@ -413,7 +544,9 @@ class Mean:
 
 def samples(source: str = "a", count: int = 100, **options: object) -> Samples:
     ramp = np.arange(float(count))[:, None]
-    plain = Samples(source, 5.0, 10.0, ramp, ramp, ramp, ramp, {"j1": ramp[:, 0]}, moving=ramp > 20)
+    plain = Samples(
+        source, 5.0, 10.0, ramp, ramp, ramp, ramp, {"j1": ramp[:, 0]}, moving=ramp > 20
+    )
     return replace(plain, **options)  # type: ignore[arg-type]
 
 

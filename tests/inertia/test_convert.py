@@ -49,21 +49,33 @@ def test_there_and_back(name: str, seed: int) -> None:
     other = ec.convert(values, "echelon", name)
     assert other.shape == (5, *convention(name).shape)
     np.testing.assert_allclose(ec.convert(other, name, "echelon"), values, atol=1e-9)
-    np.testing.assert_allclose(ec.convert(other[2], name, "echelon"), values[2], atol=1e-9)
+    np.testing.assert_allclose(
+        ec.convert(other[2], name, "echelon"), values[2], atol=1e-9
+    )
 
 
 def test_pinocchio() -> None:
     import pinocchio as pin
 
     for values in bodies(1):
-        inertia = pin.Inertia.FromDynamicParameters(ec.convert(values, "echelon", "pinocchio"))
-        np.testing.assert_allclose(inertia.toDynamicParameters(), ec.convert(values, "echelon", "pinocchio"), atol=1e-9)
+        inertia = pin.Inertia.FromDynamicParameters(
+            ec.convert(values, "echelon", "pinocchio")
+        )
+        np.testing.assert_allclose(
+            inertia.toDynamicParameters(),
+            ec.convert(values, "echelon", "pinocchio"),
+            atol=1e-9,
+        )
         urdf = ec.convert(values, "echelon", "urdf")
         assert inertia.mass == pytest.approx(urdf[0])
         np.testing.assert_allclose(inertia.lever, urdf[1:4], atol=1e-9)
-        np.testing.assert_allclose(inertia.inertia[np.triu_indices(3)], urdf[4:], atol=1e-9)
+        np.testing.assert_allclose(
+            inertia.inertia[np.triu_indices(3)], urdf[4:], atol=1e-9
+        )
         swap = [3, 4, 5, 0, 1, 2]  # Pinocchio has the linear part first
-        np.testing.assert_allclose(inertia.matrix()[np.ix_(swap, swap)], spatial_inertia(values), atol=1e-9)
+        np.testing.assert_allclose(
+            inertia.matrix()[np.ix_(swap, swap)], spatial_inertia(values), atol=1e-9
+        )
 
 
 def test_frame_change_is_pinocchios_action() -> None:
@@ -72,7 +84,11 @@ def test_frame_change_is_pinocchios_action() -> None:
     for seed, values in enumerate(bodies(2)):
         frame = random_frame(seed)
         placement = pin.SE3(frame[:3, :3], frame[:3, 3])
-        moved = placement.act(pin.Inertia.FromDynamicParameters(ec.convert(values, "echelon", "pinocchio")))
+        moved = placement.act(
+            pin.Inertia.FromDynamicParameters(
+                ec.convert(values, "echelon", "pinocchio")
+            )
+        )
         expected = ec.convert(moved.toDynamicParameters(), "pinocchio", "echelon")
         np.testing.assert_allclose(move(values, frame), expected, atol=1e-9)
         np.testing.assert_allclose(frame_change(frame) @ values, expected, atol=1e-9)
@@ -86,9 +102,13 @@ def test_pinocchios_regressor_predicts_the_same_torques() -> None:
     q, v, a = (rng.uniform(-1, 1, model.nv) for _ in range(3))
     theirs = pin.computeJointTorqueRegressor(model, model.createData(), q, v, a)
     ours = ec.convert_columns(theirs, "pinocchio", "echelon")
-    stacked = np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
+    stacked = np.concatenate(
+        [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
+    )
     values = ec.convert(stacked.reshape(-1, 10), "pinocchio", "echelon").ravel()
-    np.testing.assert_allclose(ours @ values, pin.rnea(model, model.createData(), q, v, a), atol=1e-9)
+    np.testing.assert_allclose(
+        ours @ values, pin.rnea(model, model.createData(), q, v, a), atol=1e-9
+    )
     np.testing.assert_allclose(ec.convert_columns(ours, "echelon", "pinocchio"), theirs)
 
 
@@ -97,11 +117,19 @@ def test_idyntree() -> None:
 
     for values in bodies(4):
         inertia = idyntree.SpatialInertia()
-        inertia.fromVector(idyntree.Vector10(ec.convert(values, "echelon", "idyntree").tolist()))
+        inertia.fromVector(
+            idyntree.Vector10(ec.convert(values, "echelon", "idyntree").tolist())
+        )
         urdf = ec.convert(values, "echelon", "urdf")
         assert inertia.getMass() == pytest.approx(urdf[0])
-        np.testing.assert_allclose(inertia.getCenterOfMass().toNumPy(), urdf[1:4], atol=1e-9)
-        np.testing.assert_allclose(inertia.asVector().toNumPy(), ec.convert(urdf, "urdf", "idyntree"), atol=1e-9)
+        np.testing.assert_allclose(
+            inertia.getCenterOfMass().toNumPy(), urdf[1:4], atol=1e-9
+        )
+        np.testing.assert_allclose(
+            inertia.asVector().toNumPy(),
+            ec.convert(urdf, "urdf", "idyntree"),
+            atol=1e-9,
+        )
 
 
 def test_mujoco_compiles_the_same_principal_axes() -> None:
@@ -115,11 +143,24 @@ def test_mujoco_compiles_the_same_principal_axes() -> None:
         "<geom size='0.1' mass='0'/></body>"
         for b in full
     )
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
-    compiled = np.hstack([model.body_mass[1:, None], model.body_ipos[1:], model.body_iquat[1:], model.body_inertia[1:]])
-    np.testing.assert_allclose(ec.convert(compiled, "mujoco", "echelon"), values, atol=1e-7)
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{text}</worldbody></mujoco>"
+    )
+    compiled = np.hstack(
+        [
+            model.body_mass[1:, None],
+            model.body_ipos[1:],
+            model.body_iquat[1:],
+            model.body_inertia[1:],
+        ]
+    )
+    np.testing.assert_allclose(
+        ec.convert(compiled, "mujoco", "echelon"), values, atol=1e-7
+    )
     ours = ec.convert(values, "echelon", "mujoco")
-    np.testing.assert_allclose(ours[:, [0, 1, 2, 3, 8, 9, 10]], compiled[:, [0, 1, 2, 3, 8, 9, 10]], atol=1e-7)
+    np.testing.assert_allclose(
+        ours[:, [0, 1, 2, 3, 8, 9, 10]], compiled[:, [0, 1, 2, 3, 8, 9, 10]], atol=1e-7
+    )
 
 
 def test_matlab_and_spatial_v2_by_their_documented_formulas() -> None:
@@ -133,18 +174,32 @@ def test_matlab_and_spatial_v2_by_their_documented_formulas() -> None:
     tensor = np.zeros((3, 3))
     tensor[np.triu_indices(3)] = urdf[4:]
     tensor = np.triu(tensor) + np.triu(tensor, 1).T
-    c = np.array([[0, -centre[2], centre[1]], [centre[2], 0, -centre[0]], [-centre[1], centre[0], 0]])
-    mci = np.block([[tensor + mass * c @ c.T, mass * c], [mass * c.T, mass * np.eye(3)]])
-    np.testing.assert_allclose(ec.convert(values, "echelon", "spatial_v2"), mci, atol=1e-12)
+    c = np.array(
+        [
+            [0, -centre[2], centre[1]],
+            [centre[2], 0, -centre[0]],
+            [-centre[1], centre[0], 0],
+        ]
+    )
+    mci = np.block(
+        [[tensor + mass * c @ c.T, mass * c], [mass * c.T, mass * np.eye(3)]]
+    )
+    np.testing.assert_allclose(
+        ec.convert(values, "echelon", "spatial_v2"), mci, atol=1e-12
+    )
     np.testing.assert_allclose(from_spatial_inertia(mci), values, atol=1e-12)
 
 
 def test_frames_and_exact_numbers() -> None:
     values = bodies(7)
     first, second = random_frame(1), random_frame(2)
-    np.testing.assert_allclose(move(move(values, second), first), move(values, first @ second), atol=1e-9)
+    np.testing.assert_allclose(
+        move(move(values, second), first), move(values, first @ second), atol=1e-9
+    )
     length = Polynomial.generator("a")
-    shift = np.array([[1, 0, 0, length], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=object)
+    shift = np.array(
+        [[1, 0, 0, length], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=object
+    )
     exact = frame_change(shift)
     mass = list(exact[:, 9])  # a point mass at distance a along x
     assert mass == [0, 0, 0, length * length, 0, length * length, length, 0, 0, 1]
@@ -157,17 +212,22 @@ def test_pseudo_inertia_of_a_physical_body_is_positive() -> None:
 def test_what_cannot_be_converted() -> None:
     values = bodies(9, 2)
     values[1, 9] = 0.0
-    with pytest.raises(ec.InputError, match=r"body 1: its mass is 0 kg; mujoco states a centre of mass"):
+    with pytest.raises(
+        ec.InputError, match=r"body 1: its mass is 0 kg; mujoco states a centre of mass"
+    ):
         ec.convert(values, "echelon", "mujoco")
     with pytest.raises(ec.InputError, match="body 1: its mass"):
         ec.convert(values, "echelon", "urdf")
     assert ec.convert(values, "echelon", "idyntree").shape == (2, 10)
-    with pytest.raises(ec.InputError, match=r"unknown convention 'drake' \(valid: echelon, pinocchio"):
+    with pytest.raises(
+        ec.InputError, match=r"unknown convention 'drake' \(valid: echelon, pinocchio"
+    ):
         ec.convert(values, "echelon", "drake")
     with pytest.raises(ec.InputError, match="per body, got an array of shape"):
         ec.convert(values[:, :9], "echelon", "pinocchio")
     with pytest.raises(
-        ec.InputError, match=r"no regressor has columns in the convention 'urdf' \(valid: echelon, pino"
+        ec.InputError,
+        match=r"no regressor has columns in the convention 'urdf' \(valid: echelon, pino",
     ):
         ec.convert_columns(np.zeros((3, 20)), "echelon", "urdf")
     with pytest.raises(ec.InputError, match="expected 10 columns per body"):

@@ -21,12 +21,16 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds)
-def test_a_body_exists_if_its_central_moments_satisfy_the_triangle_inequality(seed: int) -> None:
+def test_a_body_exists_if_its_central_moments_satisfy_the_triangle_inequality(
+    seed: int,
+) -> None:
     rng = np.random.default_rng(seed)
     moments = rng.uniform(0.1, 1.2, 3)
     mass, centre = rng.uniform(-0.2, 1), rng.standard_normal(3)
     axes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    tensor = axes @ np.diag(moments) @ axes.T + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    tensor = axes @ np.diag(moments) @ axes.T + mass * (
+        centre @ centre * np.eye(3) - np.outer(centre, centre)
+    )
     body = np.array([*tensor[np.triu_indices(3)], *(mass * centre), mass])
     assert is_physical(body) == (mass > 0 and 2 * moments.max() < moments.sum())
 
@@ -50,6 +54,11 @@ def test_divergence_does_not_depend_on_frames_and_units(seed: int) -> None:
 
 
 def test_bodies_that_do_not_exist_have_no_factor() -> None:
-    for body in (np.zeros(10), -np.ones(10), [1, 0, 0, 1, 0, 3, 0, 0, 0, 1], [np.nan] * 10):
+    for body in (
+        np.zeros(10),
+        -np.ones(10),
+        [1, 0, 0, 1, 0, 3, 0, 0, 0, 1],
+        [np.nan] * 10,
+    ):
         with pytest.raises(InputError, match="not positive definite"):
             factor(body)

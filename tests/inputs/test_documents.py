@@ -22,7 +22,9 @@ def test_nesting(parse) -> None:
         parse("[" * (DEPTH.most + 1) + "]" * (DEPTH.most + 1), "file")
 
 
-@pytest.mark.parametrize(("parse", "text"), [(parse_json, '{"a": 1, "a": 2}'), (parse_yaml, "a: 1\na: 2")])
+@pytest.mark.parametrize(
+    ("parse", "text"), [(parse_json, '{"a": 1, "a": 2}'), (parse_yaml, "a: 1\na: 2")]
+)
 def test_a_key_occurs_once(parse, text: str) -> None:
     with pytest.raises(InputError, match="the key 'a' occurs twice"):
         parse(text, "file")
@@ -35,7 +37,11 @@ def test_document_types_are_refused_even_without_entities() -> None:
 
 def test_xml_is_read_as_other_readers_do() -> None:
     text = "<r><!-- a -- b ---><b drake:k='1'><drake:c/></b><![CDATA[<!-- -- -->]]></r>"
-    for content in (text, text.encode(), f"<?xml version='1.0' encoding='latin-1'?>{text}"):
+    for content in (
+        text,
+        text.encode(),
+        f"<?xml version='1.0' encoding='latin-1'?>{text}",
+    ):
         root = parse_xml(content, "r.urdf")
         assert [(element.tag, dict(element.attrib)) for element in root.iter()] == [
             ("r", {}),
@@ -45,7 +51,10 @@ def test_xml_is_read_as_other_readers_do() -> None:
         assert root[0].tail == "<!-- -- -->"
 
 
-@pytest.mark.parametrize("text", ["<r><!-- a -- <b/></r>", "<r>&lt;<b></r>", "<r/>more", "", "<r>&entity;</r>"])
+@pytest.mark.parametrize(
+    "text",
+    ["<r><!-- a -- <b/></r>", "<r>&lt;<b></r>", "<r/>more", "", "<r>&entity;</r>"],
+)
 def test_xml_that_is_not_well_formed_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"r.urdf: not well-formed XML: .*line 1"):
         parse_xml(text, "r.urdf")

@@ -22,7 +22,16 @@ import echelon as ec
 from echelon.claims.reading import read_claims
 from echelon.errors import InputError
 from echelon.excite.files.trajectory_file import read_trajectory
-from echelon.inputs import COLUMNS, DEPTH, LIMITS, Limit, limits_table, parse_json, parse_xml, parse_yaml
+from echelon.inputs import (
+    COLUMNS,
+    DEPTH,
+    LIMITS,
+    Limit,
+    limits_table,
+    parse_json,
+    parse_xml,
+    parse_yaml,
+)
 from echelon.logs.files.open_log import open_log, read_table
 from fuzz.child import run_alone
 from support.paths import ROOT
@@ -60,7 +69,9 @@ DEEP = "[" * 900 + "]" * 900
 MERGED = "a0: &a0 {x: 1}\n" + "".join(
     f"a{k}: &a{k} {{<<: [{', '.join([f'*a{k - 1}'] * 9)}]}}\n" for k in range(1, 12)
 )  # fmt: skip
-LISTS = "a0: &a0 [1, 1]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12))
+LISTS = "a0: &a0 [1, 1]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
+)
 ENDLESS = "- 1\n" * 1_500_000  # 6 MB
 HARMONICS = json.dumps(
     {
@@ -116,12 +127,16 @@ def test_documents_that_multiply(case: str, tmp_path: Path) -> None:
     refused(lambda: READERS[name](path), problem, tmp_path / "printed")
 
 
-@pytest.mark.parametrize("name", [*READERS, "run.csv", "run.npz", "run.mat", "run.parquet", "run.mcap"])
+@pytest.mark.parametrize(
+    "name", [*READERS, "run.csv", "run.npz", "run.mat", "run.parquet", "run.mcap"]
+)
 def test_links_to_devices_without_end(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.symlink_to("/dev/zero")
     refused(
-        lambda: READERS.get(name, read_table)(path), "has more than 64 MiB|is a pipe or a device", tmp_path / "printed"
+        lambda: READERS.get(name, read_table)(path),
+        "has more than 64 MiB|is a pipe or a device",
+        tmp_path / "printed",
     )
 
 
@@ -144,13 +159,19 @@ def test_depth_counts_brackets_outside_of_texts() -> None:
         parse_yaml("[" * (DEPTH.most + 1) + "]" * (DEPTH.most + 1), "x.yaml")
 
 
-def test_yaml_without_libyaml_is_bounded_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_yaml_without_libyaml_is_bounded_as_well(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     import yaml
 
     monkeypatch.setattr(yaml, "__with_libyaml__", False)
     assert parse_yaml("a: [1, ~, 'x']", "x.yaml")[0].data == {"a": ["1", None, "x"]}
     with pytest.raises(InputError, match=r"has more than 20 numbers, .*; too many"):
-        parse_yaml("[" + "1, " * 30 + "]", "x.yaml", Limit(20, "numbers, texts, lists and mappings", "too many"))
+        parse_yaml(
+            "[" + "1, " * 30 + "]",
+            "x.yaml",
+            Limit(20, "numbers, texts, lists and mappings", "too many"),
+        )
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
@@ -168,11 +189,18 @@ MIB = 1 << 20
 def zeros(size: int = 256 * MIB) -> bytes:
     """Deflated zeros, without a header."""
     packer = zlib.compressobj(1)
-    return b"".join([*(packer.compress(bytes(MIB)) for _ in range(size // MIB)), packer.flush()])
+    return b"".join(
+        [*(packer.compress(bytes(MIB)) for _ in range(size // MIB)), packer.flush()]
+    )
 
 
 def npy(shape: object, content: bytes = b"", kind: str = "<f8") -> bytes:
-    header = repr({"descr": kind, "fortran_order": False, "shape": shape}).encode().ljust(117) + b"\n"
+    header = (
+        repr({"descr": kind, "fortran_order": False, "shape": shape})
+        .encode()
+        .ljust(117)
+        + b"\n"
+    )
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + content
 
 
@@ -188,7 +216,12 @@ def npz(path: Path) -> None:
 
 def mat(path: Path) -> None:
     packed = zeros()
-    path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 15, len(packed)) + packed)
+    path.write_bytes(
+        b"MATLAB 5.0".ljust(124)
+        + b"\x00\x01IM"
+        + struct.pack("<II", 15, len(packed))
+        + packed
+    )
 
 
 def mat_of_elements(path: Path) -> None:
@@ -197,7 +230,12 @@ def mat_of_elements(path: Path) -> None:
     inside = struct.pack("<IIIIIIiiII", 6, 8, 1, 0, 5, 8, 250, 1, 1, 0) + empty * 250
     cell = struct.pack("<II", 14, len(inside)) + inside
     whole = struct.pack("<IIIIIIiiII", 6, 8, 1, 0, 5, 8, 250, 1, 1, 0) + cell * 250
-    path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 14, len(whole)) + whole)
+    path.write_bytes(
+        b"MATLAB 5.0".ljust(124)
+        + b"\x00\x01IM"
+        + struct.pack("<II", 14, len(whole))
+        + whole
+    )
 
 
 def parquet(path: Path) -> None:
@@ -215,14 +253,21 @@ def mcap(compression: str) -> Callable[[Path], None]:
         import lz4.frame
         import zstandard
 
-        pack = {"zstd": zstandard.compress, "lz4": lambda data: lz4.frame.compress(data, store_size=False)}
+        pack = {
+            "zstd": zstandard.compress,
+            "lz4": lambda data: lz4.frame.compress(data, store_size=False),
+        }
         data = pack[compression](bytes(192 * MIB))
-        chunk = struct.pack("<QQQII", 0, 0, 100, 0, len(compression)) + compression.encode()
+        chunk = (
+            struct.pack("<QQQII", 0, 0, 100, 0, len(compression)) + compression.encode()
+        )
         chunk += struct.pack("<Q", len(data)) + data
         footer = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
         mark = b"\x89MCAP0\r\n"
         header = struct.pack("<BQII", 1, 8, 0, 0)
-        path.write_bytes(mark + header + struct.pack("<BQ", 6, len(chunk)) + chunk + footer + mark)
+        path.write_bytes(
+            mark + header + struct.pack("<BQ", 6, len(chunk)) + chunk + footer + mark
+        )
 
     return write
 
@@ -233,7 +278,9 @@ def mcap_of_deep_json(path: Path) -> None:
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library="own")
-        channel = writer.register_channel(topic="/a", message_encoding="json", schema_id=0)
+        channel = writer.register_channel(
+            topic="/a", message_encoding="json", schema_id=0
+        )
         writer.add_message(channel, 0, b'{"a": ' + DEEP.encode() + b"}", 0)
         writer.finish()
 
@@ -277,7 +324,10 @@ LOGS: dict[str, tuple[str, Callable[[Path], object], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", slow_unless(lambda case: case not in ("gzip", "gzip of blank lines", "MAT"), LOGS))
+@pytest.mark.parametrize(
+    "case",
+    slow_unless(lambda case: case not in ("gzip", "gzip of blank lines", "MAT"), LOGS),
+)
 def test_logs_that_multiply(case: str, tmp_path: Path) -> None:
     name, make, problem = LOGS[case]
     make(tmp_path / name)
@@ -287,9 +337,15 @@ def test_logs_that_multiply(case: str, tmp_path: Path) -> None:
 
 def test_as_many_columns_as_allowed_are_read_in_no_time(tmp_path: Path) -> None:
     names = [f"q{k}" for k in range(COLUMNS.most)]
-    rows = "\n".join(",".join(map(str, range(row, row + COLUMNS.most))) for row in range(3))
+    rows = "\n".join(
+        ",".join(map(str, range(row, row + COLUMNS.most))) for row in range(3)
+    )
     (tmp_path / "run.csv").write_text(",".join(names) + "\n" + rows + "\n")
-    assert read_table(tmp_path / "run.csv").columns["q16383"].tolist() == [16383, 16384, 16385]
+    assert read_table(tmp_path / "run.csv").columns["q16383"].tolist() == [
+        16383,
+        16384,
+        16385,
+    ]
 
 
 def test_packed_numbers_are_read_as_before(tmp_path: Path) -> None:
@@ -299,7 +355,9 @@ def test_packed_numbers_are_read_as_before(tmp_path: Path) -> None:
     assert read_table(tmp_path / "run.npz").columns["q[2]"].tolist() == q[:, 2].tolist()
     stream = io.StringIO()
     np.savetxt(stream, q, delimiter=",")
-    (tmp_path / "run.csv.gz").write_bytes(gzip.compress(b"0,0,0\n" * 100_000 + stream.getvalue().encode()))
+    (tmp_path / "run.csv.gz").write_bytes(
+        gzip.compress(b"0,0,0\n" * 100_000 + stream.getvalue().encode())
+    )
     assert read_table(tmp_path / "run.csv.gz").columns["1"].size == 110_000
 
 
@@ -313,9 +371,13 @@ def bag(folder: Path) -> tuple[Path, Path]:
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     kind = "std_msgs/msg/Float64"
-    with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+    with Writer(
+        folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3
+    ) as writer:
         connection = writer.add_connection("/x", kind, typestore=store)
-        writer.write(connection, 10**9, store.serialize_cdr(store.types[kind](1.5), kind))
+        writer.write(
+            connection, 10**9, store.serialize_cdr(store.types[kind](1.5), kind)
+        )
     assert read_table(folder / "bag").columns["/x/data"].tolist() == [1.5]
     (database,) = (folder / "bag").glob("*.db3")
     return folder / "bag", database

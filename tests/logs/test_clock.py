@@ -15,7 +15,14 @@ import echelon as ec
 from echelon.logs.finding import Finding
 from echelon.logs.preparation.segments import FEWEST, segments
 from echelon.logs.recording import Recording
-from echelon.signals.clock import grid, interpolated, low_passed, regularity, round_rate, stretches
+from echelon.signals.clock import (
+    grid,
+    interpolated,
+    low_passed,
+    regularity,
+    round_rate,
+    stretches,
+)
 
 Floats = npt.NDArray[np.float64]
 
@@ -25,12 +32,16 @@ TREE = ec.load("examples/floating_tree.yaml")
 
 def wave(time: Floats, highest: float = 3.0) -> Floats:
     """A band-limited signal of known derivatives, amplitude below 1."""
-    return np.sin(2 * np.pi * highest * time + 0.3) * 0.6 + 0.3 * np.cos(2 * np.pi * 0.37 * highest * time)
+    return np.sin(2 * np.pi * highest * time + 0.3) * 0.6 + 0.3 * np.cos(
+        2 * np.pi * 0.37 * highest * time
+    )
 
 
 def log(time: Floats, **more: Floats) -> Recording:
     q = np.stack([wave(time), wave(time, 1.7)], axis=1)
-    return Recording("run", time, {"q": q, "y": 3 * q[:, ::-1], **more}, {"j1": 2 * wave(time)})
+    return Recording(
+        "run", time, {"q": q, "y": 3 * q[:, ::-1], **more}, {"j1": 2 * wave(time)}
+    )
 
 
 def jittered(count: int, period: float, share: float, seed: int = 1) -> Floats:
@@ -63,11 +74,15 @@ def test_a_uniform_clock_of_no_round_rate_keeps_its_rate() -> None:
     assert segment.rate == pytest.approx(499.71, rel=1e-9)
 
 
-@pytest.mark.parametrize(("share", "bound"), [(0.05, 5e-6), (0.3, 1e-5), (0.45, 1.5e-5)])
+@pytest.mark.parametrize(
+    ("share", "bound"), [(0.05, 5e-6), (0.3, 1e-5), (0.45, 1.5e-5)]
+)
 def test_jitter_is_resampled_to_a_stated_accuracy(share: float, bound: float) -> None:
     """A spline misses a 10 Hz sine at 500 Hz by 5/384 of its fourth derivative times h⁴, h the longest interval."""
     time = jittered(3000, 0.002, share)
-    recording = replace(log(time), signals={"q": np.stack([wave(time, 10), wave(time)], axis=1)})
+    recording = replace(
+        log(time), signals={"q": np.stack([wave(time, 10), wave(time)], axis=1)}
+    )
     (segment,), findings = segments(recording, ARM)
     assert kinds(findings) == ["jitter"]
     assert f"{segment.rate:g} Hz" in findings[0].text
@@ -78,7 +93,9 @@ def test_jitter_is_resampled_to_a_stated_accuracy(share: float, bound: float) ->
     assert worst[0] < bound
     assert worst[1] < bound / 50
     nearest = recording.signals["q"][: len(exact)]
-    assert np.abs(nearest - exact).max() > 100 * bound, "ignoring the jitter would be much worse"
+    assert np.abs(nearest - exact).max() > 100 * bound, (
+        "ignoring the jitter would be much worse"
+    )
 
 
 def test_lost_samples_are_bridged_and_counted() -> None:
@@ -94,7 +111,9 @@ def test_lost_samples_are_bridged_and_counted() -> None:
 
 
 def test_gaps_split_and_are_named() -> None:
-    time = np.concatenate([np.arange(200) * 0.01, 5 + np.arange(300) * 0.01, 20 + np.arange(5) * 0.01])
+    time = np.concatenate(
+        [np.arange(200) * 0.01, 5 + np.arange(300) * 0.01, 20 + np.arange(5) * 0.01]
+    )
     parts, findings = segments(log(time), ARM)
     assert [(len(part), part.start) for part in parts] == [(200, 0.0), (300, 5.0)]
     assert kinds(findings) == ["gap", "short"]
@@ -118,7 +137,9 @@ def test_a_clock_that_jumps_back_splits_where_runs_were_joined() -> None:
 def test_time_without_order_is_refused() -> None:
     time = np.random.default_rng(0).permutation(500) * 0.01
     row = int(np.flatnonzero(np.diff(time) < 0)[0]) + 1
-    with pytest.raises(ec.InputError, match=rf"run: time goes backwards .* first at row {row} "):
+    with pytest.raises(
+        ec.InputError, match=rf"run: time goes backwards .* first at row {row} "
+    ):
         segments(log(time), ARM)
     with pytest.raises(ec.InputError, match="never advances"):
         segments(log(np.zeros(100)), ARM)
@@ -147,13 +168,19 @@ def test_duplicates_are_dropped_in_any_order(places: set[int], seed: int) -> Non
     assert np.array_equal(parts[0].signals["q"], plain[0].signals["q"])
 
 
-@given(st.lists(st.sampled_from([0.0, 0.01, 0.012, 0.5, -0.3]), min_size=30, max_size=120))
+@given(
+    st.lists(st.sampled_from([0.0, 0.01, 0.012, 0.5, -0.3]), min_size=30, max_size=120)
+)
 def test_pieces_increase_and_hold_every_sample_once(steps: list[float]) -> None:
     time = np.cumsum([0.0, *steps])
     try:
         found = stretches(time)
     except ec.InputError:
-        assert not any(s > 0 for s in steps) or sum(s == 0 for s in steps) > 5 or sum(s < 0 for s in steps) > 1
+        assert (
+            not any(s > 0 for s in steps)
+            or sum(s == 0 for s in steps) > 5
+            or sum(s < 0 for s in steps) > 1
+        )
         return
     together = np.concatenate([*found.pieces, found.duplicates])
     assert sorted(together.tolist()) == list(range(len(time)))
@@ -184,7 +211,9 @@ def test_a_lower_rate_folds_nothing_into_the_band() -> None:
     assert len(segment) == 800
     inside = slice(50, -50)
     assert np.abs(segment.signals["q"][:, 0] - wave(segment.time))[inside].max() < 1e-4
-    assert np.abs(noisy[::10, 0] - wave(time[::10]))[inside].max() > 0.1, "plain decimation would fold it down"
+    assert np.abs(noisy[::10, 0] - wave(time[::10]))[inside].max() > 0.1, (
+        "plain decimation would fold it down"
+    )
 
 
 def test_a_rate_that_is_no_divisor() -> None:
@@ -195,12 +224,17 @@ def test_a_rate_that_is_no_divisor() -> None:
 
 
 def test_a_rate_that_leaves_too_few_samples_is_refused() -> None:
-    with pytest.raises(ec.InputError, match="no stretch without gaps has 20 samples: the longest of 1 has 10, at 1 Hz"):
+    with pytest.raises(
+        ec.InputError,
+        match="no stretch without gaps has 20 samples: the longest of 1 has 10, at 1 Hz",
+    ):
         segments(log(np.arange(10_000) / 1000), ARM, rate=1)
 
 
 def test_a_higher_rate_is_refused() -> None:
-    with pytest.raises(ec.InputError, match=r"100 samples per second; 150 would only invent"):
+    with pytest.raises(
+        ec.InputError, match=r"100 samples per second; 150 would only invent"
+    ):
         segments(log(np.arange(500) * 0.01), ARM, rate=150)
     with pytest.raises(ec.InputError, match="positive"):
         segments(log(np.arange(500) * 0.01), ARM, rate=-1)
@@ -209,21 +243,34 @@ def test_a_higher_rate_is_refused() -> None:
 @pytest.mark.parametrize("ratio", [0.5, 0.1, 0.9])
 def test_gain_of_the_low_pass(ratio: float) -> None:
     time = np.arange(6000.0)
-    for share, gain in ((0.79 * ratio, 1.0), (0.2 * ratio, 1.0), (1.0 * ratio, 0.0), (1.0, 0.0)):
+    for share, gain in (
+        (0.79 * ratio, 1.0),
+        (0.2 * ratio, 1.0),
+        (1.0 * ratio, 0.0),
+        (1.0, 0.0),
+    ):
         found = low_passed(np.cos(np.pi * share * time), ratio)[1000:-1000]
-        assert np.abs(found - gain * np.cos(np.pi * share * time)[1000:-1000]).max() < 2e-4
+        assert (
+            np.abs(found - gain * np.cos(np.pi * share * time)[1000:-1000]).max() < 2e-4
+        )
 
 
 def test_interpolation_is_exact_for_cubics_and_for_few_samples() -> None:
     time = jittered(30, 1.0, 0.3)
     wanted = np.linspace(time[0], time[-1], 77)
     cubic = np.polynomial.Polynomial([1.0, -2, 0.3, 0.01])
-    assert np.allclose(interpolated(time, cubic(time), wanted), cubic(wanted), rtol=1e-11)
+    assert np.allclose(
+        interpolated(time, cubic(time), wanted), cubic(wanted), rtol=1e-11
+    )
     assert interpolated(time[:2], np.array([[1.0], [3]]), time[:1]).tolist() == [[1.0]]
     assert interpolated(time[:1], np.array([4.0]), time[:1]).tolist() == [4.0]
 
 
-@given(st.floats(0, 2e9), st.integers(1, 2000), st.sampled_from([30.0, 100.0, 333.0, 1000.0]))
+@given(
+    st.floats(0, 2e9),
+    st.integers(1, 2000),
+    st.sampled_from([30.0, 100.0, 333.0, 1000.0]),
+)
 def test_grids_end_at_the_last_sample(first: float, count: int, rate: float) -> None:
     times = grid(first, first + (count - 1) / rate, rate)
     assert len(times) == count
@@ -236,10 +283,14 @@ def test_angles_that_were_wrapped_are_made_continuous() -> None:
     time = jittered(2000, 0.005, 0.2)
     angle = np.stack([2.5 * time, wave(time)], axis=1)
     wrapped = (angle + np.pi) % (2 * np.pi) - np.pi
-    (segment,), findings = segments(Recording("run", time, {"q": wrapped, "reference": angle}), ARM)
+    (segment,), findings = segments(
+        Recording("run", time, {"q": wrapped, "reference": angle}), ARM
+    )
     assert kinds(findings) == ["jitter", "wrapped"]
     assert "position of 'j1'" in findings[1].where
-    assert f"{int(np.sum(np.abs(np.diff(wrapped[:, 0])) > 3))} times" in findings[1].text
+    assert (
+        f"{int(np.sum(np.abs(np.diff(wrapped[:, 0])) > 3))} times" in findings[1].text
+    )
     assert np.allclose(segment.signals["q"][:, 0], 2.5 * segment.time, atol=1e-9)
 
 
@@ -255,7 +306,9 @@ def test_quaternions_keep_sign_and_norm() -> None:
 
     q = np.tile(wave(time)[:, None], (1, len(names)))
     for first in balls:
-        flips = np.where(np.random.default_rng(first).random(len(time)) < 0.5, -1.0, 1.0)
+        flips = np.where(
+            np.random.default_rng(first).random(len(time)) < 0.5, -1.0, 1.0
+        )
         q[:, first : first + 4] = turned(time) * flips[:, None]
     (segment,), _ = segments(Recording("run", time, {"q": q}), TREE)
     for first in balls:
@@ -285,12 +338,20 @@ def test_what_is_not_usable_splits_or_is_bridged() -> None:
 
 def test_too_little_is_refused_but_not_in_a_piece_of_a_log() -> None:
     time = np.arange(FEWEST - 1) * 0.01
-    with pytest.raises(ec.InputError, match=f"run: {FEWEST - 1} usable samples of {FEWEST - 1}; at least {FEWEST}"):
+    with pytest.raises(
+        ec.InputError,
+        match=f"run: {FEWEST - 1} usable samples of {FEWEST - 1}; at least {FEWEST}",
+    ):
         segments(log(time), ARM)
     parts, findings = segments(log(time), ARM, whole=False)
     assert not parts
     assert kinds(findings) == ["short"]
-    scattered = np.concatenate([[0, 0.01, 0.02 + 0.01 * k] for k in range(3)]) + np.repeat(np.arange(3) * 9.0, 3)
+    scattered = np.concatenate(
+        [[0, 0.01, 0.02 + 0.01 * k] for k in range(3)]
+    ) + np.repeat(np.arange(3) * 9.0, 3)
     many = np.concatenate([scattered + 100 * k for k in range(5)])
-    with pytest.raises(ec.InputError, match="no stretch without gaps has 20 samples: the longest of 15 has 3"):
+    with pytest.raises(
+        ec.InputError,
+        match="no stretch without gaps has 20 samples: the longest of 15 has 3",
+    ):
         segments(log(many), ARM)

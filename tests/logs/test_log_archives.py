@@ -25,8 +25,19 @@ MATLAB = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
 
 def test_arrays_of_an_archive(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
-    q, cube = RANDOM.normal(size=(2, 10, 2))[0], RANDOM.normal(size=(10, 2, 2)).astype(np.float32)
-    records = np.zeros(10, dtype=[("x", ">i4"), ("v", "f8", (2,)), ("label", "U3"), ("deep", [("y", "?")])])
+    q, cube = (
+        RANDOM.normal(size=(2, 10, 2))[0],
+        RANDOM.normal(size=(10, 2, 2)).astype(np.float32),
+    )
+    records = np.zeros(
+        10,
+        dtype=[
+            ("x", ">i4"),
+            ("v", "f8", (2,)),
+            ("label", "U3"),
+            ("deep", [("y", "?")]),
+        ],
+    )
     records["x"], records["v"], records["deep"]["y"] = np.arange(10), q, True
     np.savez(
         path, t=np.arange(10), q=q, cube=cube, records=records, gear=np.ones(3), turned=q.T, label=np.array(["a"] * 10),
@@ -50,7 +61,9 @@ def test_arrays_of_an_archive(tmp_path: Path) -> None:
         "day": "holds dates or spans of time",
         "q": r"has 2 columns; name one of them, such as 'q\[0\]'",
     }.items():
-        with pytest.raises(InputError, match=rf"column '{name.replace('[', chr(92) + '[')}': {problem}"):
+        with pytest.raises(
+            InputError, match=rf"column '{name.replace('[', chr(92) + '[')}': {problem}"
+        ):
             list(log.tables([name]))
 
 
@@ -64,7 +77,9 @@ def test_arrays_of_an_archive(tmp_path: Path) -> None:
         (np.zeros(5, dtype=[("t", "f8"), ("q", "f4", (2,))]), ("t", "q[0]", "q[1]")),
     ],
 )
-def test_a_single_array(array: npt.NDArray[Any], names: tuple[str, ...], tmp_path: Path) -> None:
+def test_a_single_array(
+    array: npt.NDArray[Any], names: tuple[str, ...], tmp_path: Path
+) -> None:
     np.save(tmp_path / "run.npy", array)
     log = NpzFile(tmp_path / "run.npy")
     assert log.names == names
@@ -75,21 +90,43 @@ def test_a_single_array(array: npt.NDArray[Any], names: tuple[str, ...], tmp_pat
 
 def test_pickles_are_never_loaded(tmp_path: Path) -> None:
     np.save(tmp_path / "run.npy", np.array([{}, {}]), allow_pickle=True)
-    with pytest.raises(InputError, match="pickled Python objects, which are not loaded: they can run code"):
+    with pytest.raises(
+        InputError,
+        match="pickled Python objects, which are not loaded: they can run code",
+    ):
         NpzFile(tmp_path / "run.npy")
     np.savez(tmp_path / "run.npz", a=np.array([{}, {}]), b="x")
-    with pytest.raises(InputError, match=r"no arrays of numbers.*: 'a' holds Python objects.*; 'b' is a single value"):
+    with pytest.raises(
+        InputError,
+        match=r"no arrays of numbers.*: 'a' holds Python objects.*; 'b' is a single value",
+    ):
         NpzFile(tmp_path / "run.npz")
 
 
 def test_matlab_files(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     q = RANDOM.normal(size=(10, 3))
-    content: dict[str, Any] = {"t": np.arange(10.0), "column": q[:, :1], "q": q, "gear": np.ones(3), "rate": 5.0}
-    expected = {"t": np.arange(10), "column": q[:, 0], "q[0]": q[:, 0], "q[1]": q[:, 1], "q[2]": q[:, 2]}
+    content: dict[str, Any] = {
+        "t": np.arange(10.0),
+        "column": q[:, :1],
+        "q": q,
+        "gear": np.ones(3),
+        "rate": 5.0,
+    }
+    expected = {
+        "t": np.arange(10),
+        "column": q[:, 0],
+        "q[0]": q[:, 0],
+        "q[1]": q[:, 1],
+        "q[2]": q[:, 2],
+    }
     cell = np.empty(2, dtype=object)
     cell[:] = [np.arange(10) * 2.0, "text"]
-    content |= {"log": {"tau": q[:, 1], "deep": {"f": q[:, :2]}}, "cell": cell, "empty": np.zeros((0, 0))}
+    content |= {
+        "log": {"tau": q[:, 1], "deep": {"f": q[:, :2]}},
+        "cell": cell,
+        "empty": np.zeros((0, 0)),
+    }
     expected |= {
         "log.tau": q[:, 1],
         "log.deep.f[0]": q[:, 0],
@@ -100,28 +137,53 @@ def test_matlab_files(tmp_path: Path) -> None:
     log = MatFile(path)
     same(joined(log), expected)
     same(joined(log, rows=4), expected)
-    with pytest.raises(InputError, match=r"column 'gear': has 3 rows where most arrays of the file have 10"):
+    with pytest.raises(
+        InputError,
+        match=r"column 'gear': has 3 rows where most arrays of the file have 10",
+    ):
         list(log.tables(["gear"]))
 
 
 def same_as_scipy(found: Value, expected: Any) -> bool:
     """Whether a value of a MAT file is what scipy makes of it."""
     if isinstance(found, Unread):
-        return expected.dtype.kind not in "biuf" or expected.dtype.names is not None or issparse(expected)
+        return (
+            expected.dtype.kind not in "biuf"
+            or expected.dtype.names is not None
+            or issparse(expected)
+        )
     if not isinstance(found, Group):
-        return found.shape == expected.shape and np.array_equal(found, expected, equal_nan=True)
-    flat = [tuple(entry) if found.fields else (entry,) for entry in expected.ravel(order="F")]
+        return found.shape == expected.shape and np.array_equal(
+            found, expected, equal_nan=True
+        )
+    flat = [
+        tuple(entry) if found.fields else (entry,)
+        for entry in expected.ravel(order="F")
+    ]
     members = [member for entry in flat for member in entry]
     return (expected.dtype.names or ()) == found.fields and all(
-        same_as_scipy(own, other) for own, other in zip(found.members, members, strict=True)
+        same_as_scipy(own, other)
+        for own, other in zip(found.members, members, strict=True)
     )
 
 
 def matlab_files() -> list[Path]:
     """Of versions 5 to 7; without names that scipy changes or refuses, and a struct that it fills with nothing."""
-    strange = ("nasty_duplicate_fieldnames", "bad_miutf8_array_name", "test_empty_struct")
-    starts = {path: path.read_bytes()[:520] for path in sorted(MATLAB.glob("*.mat")) if path.stem not in strange}
-    return [path for path, start in starts.items() if 0 not in start[:4] and b"\x89HDF" not in start]
+    strange = (
+        "nasty_duplicate_fieldnames",
+        "bad_miutf8_array_name",
+        "test_empty_struct",
+    )
+    starts = {
+        path: path.read_bytes()[:520]
+        for path in sorted(MATLAB.glob("*.mat"))
+        if path.stem not in strange
+    }
+    return [
+        path
+        for path, start in starts.items()
+        if 0 not in start[:4] and b"\x89HDF" not in start
+    ]
 
 
 @pytest.mark.parametrize("path", matlab_files(), ids=lambda path: path.stem)
@@ -129,26 +191,49 @@ def matlab_files() -> list[Path]:
 def test_files_that_matlab_wrote(path: Path) -> None:
     """The files with which scipy tests its own reader, where it brings them along."""
     try:
-        expected = {name: value for name, value in scipy.io.loadmat(path).items() if not name.startswith("__")}
+        expected = {
+            name: value
+            for name, value in scipy.io.loadmat(path).items()
+            if not name.startswith("__")
+        }
     except Exception:
         with pytest.raises(InputError):
             MatFile(path)
         return
     found = dict(variables(path.read_bytes()))
-    assert all(same_as_scipy(found[name], value) for name, value in expected.items() if name != "None")
+    assert all(
+        same_as_scipy(found[name], value)
+        for name, value in expected.items()
+        if name != "None"
+    )
 
 
 def test_old_matlab_files_say_how_to_save_them(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "old.mat", {"q": np.arange(10.0)}, format="4")
-    with pytest.raises(InputError, match=r"version 4, which is not read; save it in MATLAB with  save\(…, '-v7'\)"):
+    with pytest.raises(
+        InputError,
+        match=r"version 4, which is not read; save it in MATLAB with  save\(…, '-v7'\)",
+    ):
         open_log(tmp_path / "old.mat")
 
 
 @pytest.mark.parametrize("version", ["5", "7.3"])
-def test_matlab_files_of_every_version_say_the_same(version: str, tmp_path: Path) -> None:
+def test_matlab_files_of_every_version_say_the_same(
+    version: str, tmp_path: Path
+) -> None:
     """Samples along either axis, inside structs and cells; version 7.3 is HDF5, which stores the axes reversed."""
-    t, q, tau = np.arange(40) / 100, RANDOM.normal(size=(40, 3)), RANDOM.normal(size=(40, 3))
-    content = {"t": t, "q": q, "tau": tau.T, "more": {"a": t + 1, "note": "text"}, "gain": 2.0}
+    t, q, tau = (
+        np.arange(40) / 100,
+        RANDOM.normal(size=(40, 3)),
+        RANDOM.normal(size=(40, 3)),
+    )
+    content = {
+        "t": t,
+        "q": q,
+        "tau": tau.T,
+        "more": {"a": t + 1, "note": "text"},
+        "gain": 2.0,
+    }
     path = tmp_path / "run.mat"
     if version == "5":
         scipy.io.savemat(path, content)
@@ -156,7 +241,9 @@ def test_matlab_files_of_every_version_say_the_same(version: str, tmp_path: Path
         hdf5storage.savemat(str(path), content, format="7.3")
     found = read_table(path).columns
     expected = {"t": t, "more.a": t + 1}
-    expected |= {f"q[{k}]": q[:, k] for k in range(3)} | {f"tau[{k}]": tau[:, k] for k in range(3)}
+    expected |= {f"q[{k}]": q[:, k] for k in range(3)} | {
+        f"tau[{k}]": tau[:, k] for k in range(3)
+    }
     assert found.keys() == expected.keys()
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
@@ -169,16 +256,26 @@ def test_groups_of_an_hdf5_file(tmp_path: Path) -> None:
     path = tmp_path / "episode_0.hdf5"
     q = RANDOM.normal(size=(30, 2)).astype(np.float32)
     with h5py.File(path, "w") as file:
-        file["observations/qpos"], file["observations/effort"], file["action"] = q, 2 * q, q
+        file["observations/qpos"], file["observations/effort"], file["action"] = (
+            q,
+            2 * q,
+            q,
+        )
         file["observations/images/top"] = np.zeros((30, 4, 4, 3), dtype=np.uint8)
         file["elsewhere"] = h5py.ExternalLink("other.h5", "/q")
         file.create_virtual_dataset("virtual", h5py.VirtualLayout((30,), float))
-        file.attrs["sim"], file["notes"], file["words"] = True, "hello", ["left", "right"]
+        file.attrs["sim"], file["notes"], file["words"] = (
+            True,
+            "hello",
+            ["left", "right"],
+        )
     log = open_log(path)
     assert [name for name in log.names if "images" not in name] == [
         *("action[0]", "action[1]", "observations/effort[0]", "observations/effort[1]"),
         *("observations/qpos[0]", "observations/qpos[1]"),
     ]
-    same(joined(log, ["observations/qpos[1]"], rows=7), {"observations/qpos[1]": q[:, 1]})
+    same(
+        joined(log, ["observations/qpos[1]"], rows=7), {"observations/qpos[1]": q[:, 1]}
+    )
     with pytest.raises(InputError, match="is stored in another file"):
         list(log.tables(["virtual"]))

@@ -53,8 +53,12 @@ def test_joints_that_rest_are_not_stuck() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize(("signal", "label"), [("q", "position"), ("qd", "velocity"), ("y", "output")])
-def test_what_is_not_finite_is_named_and_cut_out(value: float, signal: str, label: str) -> None:
+@pytest.mark.parametrize(
+    ("signal", "label"), [("q", "position"), ("qd", "velocity"), ("y", "output")]
+)
+def test_what_is_not_finite_is_named_and_cut_out(
+    value: float, signal: str, label: str
+) -> None:
     recorded = clean()
     values = recorded.signals[signal].copy()
     values[1000:1030, 1] = value
@@ -67,7 +71,10 @@ def test_what_is_not_finite_is_named_and_cut_out(value: float, signal: str, labe
     assert "2 runs of up to 30" in found.text
     assert np.array_equal(np.flatnonzero(~usable), [*range(1000, 1030), 3000])
     parts, _ = segments(recorded, ARM, usable)
-    assert [(part.start, len(part)) for part in parts] == [(0.0, 1000), (1030 / RATE, COUNT - 1030)]
+    assert [(part.start, len(part)) for part in parts] == [
+        (0.0, 1000),
+        (1030 / RATE, COUNT - 1030),
+    ]
     assert all(np.isfinite(v).all() for part in parts for v in part.signals.values())
 
 
@@ -78,8 +85,13 @@ def test_samples_without_time_and_channels_without_numbers() -> None:
     findings, usable = examine(replace(recorded, time=time), ARM)
     assert "row 7" in one(findings, "not finite").where
     assert np.flatnonzero(~usable).tolist() == [7]
-    everything = {name: np.where(np.isnan(time)[:, None], math.nan, v) for name, v in recorded.signals.items()}
-    one(examine(replace(recorded, time=time, signals=everything), ARM)[0], "not finite")  # not once more per channel
+    everything = {
+        name: np.where(np.isnan(time)[:, None], math.nan, v)
+        for name, v in recorded.signals.items()
+    }
+    one(
+        examine(replace(recorded, time=time, signals=everything), ARM)[0], "not finite"
+    )  # not once more per channel
     y = recorded.signals["y"].copy()
     y[:, 1] = math.nan
     with pytest.raises(ec.InputError, match="run: output of 'j2': it holds no numbers"):
@@ -100,7 +112,10 @@ def test_spikes_are_left_out(noise: float) -> None:
     signals = {"q": q, "y": y}
     findings, usable = examine(replace(recorded, signals=signals), ARM)
     assert np.flatnonzero(~usable).tolist() == sorted([*planted, 1000])
-    assert [finding.text.split(" lie")[0] for finding in findings] == ["5 samples", "1 sample"]
+    assert [finding.text.split(" lie")[0] for finding in findings] == [
+        "5 samples",
+        "1 sample",
+    ]
 
 
 def test_a_position_sensor_that_sticks() -> None:
@@ -108,7 +123,9 @@ def test_a_position_sensor_that_sticks() -> None:
     fast = int(np.argmax(np.abs(recorded.signals["qd"][1000:3000, 0]))) + 1000
     q = recorded.signals["q"].copy()
     q[fast : fast + 200, 0] = q[fast, 0]
-    without_speed = Recording("run", recorded.time, {"q": q, "y": recorded.signals["y"]})
+    without_speed = Recording(
+        "run", recorded.time, {"q": q, "y": recorded.signals["y"]}
+    )
     for stuck in (changed(recorded, "q", q), without_speed):
         findings, usable = examine(stuck, ARM)
         found = one(findings, "stuck")
@@ -158,18 +175,29 @@ def test_constant_columns() -> None:
     ):
         values = recorded.signals[signal].copy()
         values[:, 1] = 0.75
-        kept = {name: v for name, v in recorded.signals.items() if name in (signal, "y", "q")}
-        findings, usable = examine(replace(recorded, signals={**kept, signal: values}), ARM)
+        kept = {
+            name: v
+            for name, v in recorded.signals.items()
+            if name in (signal, "y", "q")
+        }
+        findings, usable = examine(
+            replace(recorded, signals={**kept, signal: values}), ARM
+        )
         found = one(findings, "constant")
         assert "0.75 in all 5000 samples" in found.text
         assert text in found.text
         assert usable.all()
-        assert not examine(replace(recorded, signals={**kept, signal: values}), ARM, whole=False)[0]
+        assert not examine(
+            replace(recorded, signals={**kept, signal: values}), ARM, whole=False
+        )[0]
 
 
 def test_outputs_that_are_all_zero_are_refused() -> None:
     recorded = changed(clean(), "y", np.zeros((COUNT, 2)))
-    with pytest.raises(ec.InputError, match="run: all measured outputs are zero, so there is nothing to identify"):
+    with pytest.raises(
+        ec.InputError,
+        match="run: all measured outputs are zero, so there is nothing to identify",
+    ):
         examine(recorded, ARM)
     examine(recorded, ARM, whole=False)
 
@@ -181,8 +209,13 @@ def test_columns_taken_twice() -> None:
     found = one(examine(changed(recorded, "y", y), ARM)[0], "duplicate")
     assert found.where == "run, output of 'j1'"
     assert "output of 'j2'" in found.text
-    same = replace(recorded, signals={**recorded.signals, "reference": recorded.signals["q"]})
-    assert [finding.kind for finding in examine(same, ARM)[0]] == ["duplicate", "duplicate"]
+    same = replace(
+        recorded, signals={**recorded.signals, "reference": recorded.signals["q"]}
+    )
+    assert [finding.kind for finding in examine(same, ARM)[0]] == [
+        "duplicate",
+        "duplicate",
+    ]
     load = replace(recorded, inputs={"j1": recorded.signals["y"][:, 0]})
     assert not examine(load, ARM)[0]
 
@@ -194,9 +227,13 @@ def test_quaternions_that_are_none() -> None:
     balls = [k for k, name in enumerate(names) if name.endswith(".w")]
     for first in balls:
         angle = 0.3 * np.sin(time * (1 + first))
-        q[:, first : first + 4] = np.stack([np.cos(angle), np.sin(angle) * 0.6, 0 * time, np.sin(angle) * 0.8], axis=1)
+        q[:, first : first + 4] = np.stack(
+            [np.cos(angle), np.sin(angle) * 0.6, 0 * time, np.sin(angle) * 0.8], axis=1
+        )
         q[:, first + 2] = 1e-9 * np.sin(time * first)
-    assert {finding.kind for finding in examine(Recording("run", time, {"q": q}), TREE)[0]} == {"smooth"}
+    assert {
+        finding.kind for finding in examine(Recording("run", time, {"q": q}), TREE)[0]
+    } == {"smooth"}
     name = names[balls[1]].removesuffix(".w")
     rough = q.copy()
     rough[:, balls[1] : balls[1] + 4] *= 1.01
@@ -206,7 +243,9 @@ def test_quaternions_that_are_none() -> None:
     rough = q.copy()
     rough[100:150, balls[1] : balls[1] + 4] = 0
     findings, usable = examine(Recording("run", time, {"q": rough}), TREE)
-    assert "50 samples with a quaternion of length 0" in one(findings, "quaternion").text
+    assert (
+        "50 samples with a quaternion of length 0" in one(findings, "quaternion").text
+    )
     assert np.array_equal(np.flatnonzero(~usable), np.arange(100, 150))
     parts, _ = segments(Recording("run", time, {"q": rough}), TREE, usable)
     assert [len(part) for part in parts] == [100, 850]
@@ -218,12 +257,15 @@ def test_an_encoder_that_is_set_to_another_zero_is_named() -> None:
     q[3000:, 1] += 0.2
     findings, usable = examine(changed(recorded, "q", q), ARM)
     (jump,) = (finding for finding in findings if "jumps" in finding.text)
-    assert "jumps by 0.192 between two samples" in jump.text  # with the motion of one sample
+    assert (
+        "jumps by 0.192 between two samples" in jump.text
+    )  # with the motion of one sample
     assert "position of 'j2'" in jump.where
     assert not usable[2995:3005].any()
     q[3000:, 0] -= 0.3  # two encoders at once are rather samples that are missing
     assert "contradiction" not in {
-        finding.kind for finding in examine(Recording("run", recorded.time, {"q": q}), ARM)[0]
+        finding.kind
+        for finding in examine(Recording("run", recorded.time, {"q": q}), ARM)[0]
     }
 
 

@@ -83,14 +83,22 @@ def test_usual_spellings_are_understood(names: str) -> None:
 
 
 def test_units_in_names_count() -> None:
-    found = guess_columns(["Time [ms]", "q_deg_1", "q_deg_2", "Torque1 (mNm)", "Torque2 (mNm)"], PENDULUM)
+    found = guess_columns(
+        ["Time [ms]", "q_deg_1", "q_deg_2", "Torque1 (mNm)", "Torque2 (mNm)"], PENDULUM
+    )
     assert found.time == Channel("Time [ms]", "ms")
     assert [c.unit for c in found.positions.values()] == ["deg", "deg"]
     assert [c.unit for c in found.outputs.values()] == ["mNm", "mNm"]
     beside = {"t": "ms", "q1": "deg", "q2": "deg", "tau1": "mNm", "tau2": "mNm"}
-    stated = guess_columns(list(beside), PENDULUM, said={name: f"{name} [{unit}]" for name, unit in beside.items()})
+    stated = guess_columns(
+        list(beside),
+        PENDULUM,
+        said={name: f"{name} [{unit}]" for name, unit in beside.items()},
+    )
     for kind, group in stated.channels.items():
-        assert [c.unit for c in group.values()] == [c.unit for c in found.channels[kind].values()]
+        assert [c.unit for c in group.values()] == [
+            c.unit for c in found.channels[kind].values()
+        ]
 
 
 def test_references_of_the_usual_recorders_are_found() -> None:
@@ -100,7 +108,9 @@ def test_references_of_the_usual_recorders_are_found() -> None:
         "q1 q2 cmd.q_d[0] cmd.q_d[1]",
     ):
         found = guess_columns(names.split(), PENDULUM, outputs=False)
-        assert [channel.column for channel in found.references.values()] == names.split()[2:]
+        assert [
+            channel.column for channel in found.references.values()
+        ] == names.split()[2:]
 
 
 def test_names_of_joints_count_with_and_without_their_ending() -> None:
@@ -110,7 +120,9 @@ def test_names_of_joints_count_with_and_without_their_ending() -> None:
         "time Shoulder Elbow tau_shoulder tau_elbow",
     ):
         found = guess_columns(names.split(), robot)
-        assert [channel.column for channel in found.positions.values()] == names.split()[1:3]
+        assert [
+            channel.column for channel in found.positions.values()
+        ] == names.split()[1:3]
         assert list(found.outputs) == ["shoulder_joint", "elbow_joint"]
 
 
@@ -126,7 +138,9 @@ def swinging(count: int = 600, rate: float = 200.0) -> dict[str, Floats]:
 
 @pytest.mark.parametrize("order", ["tqu", "tqvu", "tqruv", "tuqv", "tvqu", "qvut"])
 @pytest.mark.parametrize("counter", [False, True])
-def test_columns_without_names_are_told_by_their_values(order: str, counter: bool) -> None:
+def test_columns_without_names_are_told_by_their_values(
+    order: str, counter: bool
+) -> None:
     motion = swinging()
     table = np.column_stack([motion[letter] for letter in order])
     places = {letter: 2 * k - (k > order.index("t")) for k, letter in enumerate(order)}
@@ -134,19 +148,35 @@ def test_columns_without_names_are_told_by_their_values(order: str, counter: boo
         table = np.column_stack([np.arange(len(table)), table])
         places = {letter: place + 1 for letter, place in places.items()}
     content = {str(k): table[:, k] for k in range(table.shape[1])}
-    found = guess_columns(list(content), PENDULUM, "log.csv", look=lambda: Table("log.csv", content))
+    found = guess_columns(
+        list(content), PENDULUM, "log.csv", look=lambda: Table("log.csv", content)
+    )
     assert found.time == Channel(str(places["t"]))
-    for letter, group in {"q": found.positions, "u": found.outputs, "v": found.velocities}.items():
+    for letter, group in {
+        "q": found.positions,
+        "u": found.outputs,
+        "v": found.velocities,
+    }.items():
         if letter in order:
-            assert [int(channel.column) for channel in group.values()] == [places[letter], places[letter] + 1]
+            assert [int(channel.column) for channel in group.values()] == [
+                places[letter],
+                places[letter] + 1,
+            ]
 
 
 def test_columns_that_do_not_fit_are_all_listed_with_the_nearest_guesses() -> None:
     motion = swinging()
-    content = {f"ax_{k}_enkoder": motion["q"][:, k] for k in range(2)} | {"temprature": motion["t"]}
-    content |= {f"M{k}": motion["u"][:, k] for k in range(2)} | {"torqe_9": motion["t"], "t": motion["t"]}
+    content = {f"ax_{k}_enkoder": motion["q"][:, k] for k in range(2)} | {
+        "temprature": motion["t"]
+    }
+    content |= {f"M{k}": motion["u"][:, k] for k in range(2)} | {
+        "torqe_9": motion["t"],
+        "t": motion["t"],
+    }
     with pytest.raises(ec.InputError) as caught:
-        guess_columns(list(content), PENDULUM, "log.csv", look=lambda: Table("log.csv", content))
+        guess_columns(
+            list(content), PENDULUM, "log.csv", look=lambda: Table("log.csv", content)
+        )
     for part in (
         "log.csv: no columns for positions and outputs of double pendulum",
         "ax_0_enkoder … ax_1_enkoder (positions by their values)",
@@ -162,7 +192,10 @@ def test_magnitudes_decide_about_units_that_no_name_states() -> None:
     degrees = 180 / np.pi
     content = {"t": 1e3 * motion["t"]}
     for k in range(2):
-        content |= {f"q{k}": degrees * motion["q"][:, k], f"v{k}": degrees * motion["v"][:, k]}
+        content |= {
+            f"q{k}": degrees * motion["q"][:, k],
+            f"v{k}": degrees * motion["v"][:, k],
+        }
         content |= {f"tau{k}": motion["u"][:, k]}
     columns = guess_columns(list(content), PENDULUM)
     found, notes = with_units(columns, Table("log.csv", content), PENDULUM)
@@ -170,15 +203,24 @@ def test_magnitudes_decide_about_units_that_no_name_states() -> None:
     assert found.positions["j1"].unit == "deg"
     assert found.velocities["j1"].unit == "deg/s"
     assert [finding.kind for finding in notes] == ["units", "units"]
-    plain = {name: values / 1e3 if name == "t" else values / degrees for name, values in content.items()}
+    plain = {
+        name: values / 1e3 if name == "t" else values / degrees
+        for name, values in content.items()
+    }
     assert with_units(columns, Table("log.csv", plain), PENDULUM) == (columns, ())
 
 
 def test_lengths_of_hundreds_are_millimetres() -> None:
     text = "echelon: 1\nbodies: [{name: cart, joint: {type: prismatic, axis: x}}]\n"
-    content = {"t": np.arange(50) / 100, "pos": 300 * np.sin(np.arange(50) / 10), "force": np.ones(50)}
+    content = {
+        "t": np.arange(50) / 100,
+        "pos": 300 * np.sin(np.arange(50) / 10),
+        "force": np.ones(50),
+    }
     robot = ec.load(text)
-    found, notes = with_units(guess_columns(list(content), robot), Table("log.csv", content), robot)
+    found, notes = with_units(
+        guess_columns(list(content), robot), Table("log.csv", content), robot
+    )
     assert [channel.unit for channel in found.positions.values()] == ["mm"]
     assert "are taken to be in mm" in notes[0].text
 
@@ -187,18 +229,31 @@ def test_velocities_of_slides_are_in_what_their_positions_say() -> None:
     """Names of joints may be the last hump of a column's."""
     text = "echelon: 1\nbodies: [{name: cart, joint: {name: X, type: prismatic, axis: x}}]\n"
     t, robot = np.arange(500) / 1000, ec.load(text)
-    content = {"Time": t, "PosX": 300 * np.sin(9 * t), "VelX": 2700 * np.cos(9 * t), "ForceX": np.ones(500)}
-    found, _ = with_units(guess_columns(list(content), robot), Table("log.csv", content), robot)
+    content = {
+        "Time": t,
+        "PosX": 300 * np.sin(9 * t),
+        "VelX": 2700 * np.cos(9 * t),
+        "ForceX": np.ones(500),
+    }
+    found, _ = with_units(
+        guess_columns(list(content), robot), Table("log.csv", content), robot
+    )
     assert (found.positions["X"].unit, found.velocities["X"].unit) == ("mm", "mm/s")
 
 
 def test_motors_are_told_from_joints() -> None:
-    names = ["t_s"] + [f"q_motor_rad_{n}" for n in range(1, 7)] + [f"tau_motor_Nm_{n}" for n in range(1, 7)]
+    names = (
+        ["t_s"]
+        + [f"q_motor_rad_{n}" for n in range(1, 7)]
+        + [f"tau_motor_Nm_{n}" for n in range(1, 7)]
+    )
     found = guess_columns(names, TX40)
     assert list(found.positions) == list(found.outputs) == MOTORS
     told = guess_columns(["t_s", "q1", "q2", "motor_tau1", "motor_tau2"], PENDULUM)
     assert list(told.outputs) == ["j1", "j2"]
-    with pytest.raises(ec.InputError, match=r"measured at motors by their names, but .* states no"):
+    with pytest.raises(
+        ec.InputError, match=r"measured at motors by their names, but .* states no"
+    ):
         guess_columns(["t_s", "q_motor_1", "q_motor_2", "tau1", "tau2"], PENDULUM)
 
 
@@ -224,7 +279,9 @@ def test_what_is_not_clear_is_not_guessed(names: str, problem: str) -> None:
 
 
 def test_outputs_may_be_missing_where_they_are_not_needed() -> None:
-    found = guess_columns(["t", "q1", "q2", "qd1", "qd2", "qd_ref1"], PENDULUM, outputs=False)
+    found = guess_columns(
+        ["t", "q1", "q2", "qd1", "qd2", "qd_ref1"], PENDULUM, outputs=False
+    )
     assert not found.outputs
     assert list(found.velocities) == ["j1", "j2"]
 

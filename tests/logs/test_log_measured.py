@@ -27,7 +27,10 @@ PANDA = load("examples/panda.yaml")
 
 def table_of(path: Path) -> Table:
     read = parquet.read_table(path)
-    return Table(path.name, {column: read[column].to_numpy().astype(float) for column in read.column_names})
+    return Table(
+        path.name,
+        {column: read[column].to_numpy().astype(float) for column in read.column_names},
+    )
 
 
 def real(name: str) -> Table:
@@ -45,7 +48,9 @@ REAL = [
 
 
 @pytest.mark.parametrize(("name", "robot", "signals"), REAL)
-def test_real_logs_are_understood_by_their_names(name: str, robot: ec.Mechanism, signals: set[str]) -> None:
+def test_real_logs_are_understood_by_their_names(
+    name: str, robot: ec.Mechanism, signals: set[str]
+) -> None:
     table = real(name)
     found = recording(table, guess_columns(list(table.columns), robot), robot)
     assert found.signals.keys() == {"q", *signals}
@@ -72,7 +77,11 @@ def test_tx40_on_the_joints_side() -> None:
     ],
 )
 def test_real_logs_are_sound(folder: str, robot: ec.Mechanism) -> None:
-    files = {file.name: file for place in (ELSEWHERE, SHIPPED) for file in (place / folder).glob("*.parquet")}
+    files = {
+        file.name: file
+        for place in (ELSEWHERE, SHIPPED)
+        for file in (place / folder).glob("*.parquet")
+    }
     if not files:
         absent(ELSEWHERE / folder)
     for file in files.values():
@@ -103,7 +112,15 @@ def test_the_panda_log_names_its_lost_packets() -> None:
         """How far positions, 100 samples apart, are from what the logged velocity says at 1 kHz, rms."""
         q, qd = signals["q"], signals["qd"]
         travelled = np.cumsum(0.5 * (qd[1:] + qd[:-1]), axis=0) / 1000
-        return float(np.sqrt(np.mean(((travelled[100:] - travelled[:-100]) - (q[101:] - q[1:-100])) ** 2)))
+        return float(
+            np.sqrt(
+                np.mean(
+                    ((travelled[100:] - travelled[:-100]) - (q[101:] - q[1:-100])) ** 2
+                )
+            )
+        )
 
     assert mismatch(part.signals) < 1e-3
-    assert mismatch(recorded.signals) > 3e-3, "without resampling the lost time is missing"
+    assert mismatch(recorded.signals) > 3e-3, (
+        "without resampling the lost time is missing"
+    )

@@ -27,19 +27,27 @@ MAP = ColumnMap(
 
 def with_unit(group: str, unit: str) -> ColumnMap:
     own: Mapping[str, Channel] = getattr(MAP, group)
-    return replace(MAP, **{group: {name: replace(channel, unit=unit) for name, channel in own.items()}})  # type: ignore[arg-type]
+    return replace(
+        MAP,
+        **{group: {name: replace(channel, unit=unit) for name, channel in own.items()}},
+    )  # type: ignore[arg-type]
 
 
 def test_degrees_taken_for_radians() -> None:
     recorded = clean()
     degrees = changed(recorded, "q", np.degrees(recorded.signals["q"]))
-    with pytest.raises(ec.InputError, match=r"'j1', 'j2': angles up to .* turns: are they in degrees \(unit: deg\)"):
+    with pytest.raises(
+        ec.InputError,
+        match=r"'j1', 'j2': angles up to .* turns: are they in degrees \(unit: deg\)",
+    ):
         check_plausible(degrees, ARM, MAP)
     assert not check_plausible(degrees, ARM, with_unit("positions", "rad"))
     counts = changed(recorded, "q", 4096 * recorded.signals["q"])
     with pytest.raises(ec.InputError, match="encoder counts"):
         check_plausible(counts, ARM, MAP)
-    wheel = changed(recorded, "q", recorded.signals["q"] * [1, 1] + np.outer(recorded.time, [2, 0]))
+    wheel = changed(
+        recorded, "q", recorded.signals["q"] * [1, 1] + np.outer(recorded.time, [2, 0])
+    )
     (found,) = check_plausible(wheel, ARM, MAP)
     assert found.kind == "units"
     assert "'j1': angles" in found.text
@@ -57,7 +65,10 @@ def test_radians_taken_for_degrees() -> None:
 def test_time_in_smaller_units(scale: float, unit: str) -> None:
     recorded = clean()
     slow = replace(recorded, time=recorded.time * scale)
-    with pytest.raises(ec.InputError, match=rf"column 't': .*is time in {unit} \(unit: {unit}; 250 samples per second"):
+    with pytest.raises(
+        ec.InputError,
+        match=rf"column 't': .*is time in {unit} \(unit: {unit}; 250 samples per second",
+    ):
         check_plausible(slow, ARM, MAP)
     assert not check_plausible(slow, ARM, replace(MAP, time=Channel("t", "s")))
     assert not check_plausible(recorded, ARM, replace(MAP, time=Channel("t", unit)))
@@ -69,7 +80,9 @@ def test_time_in_smaller_units(scale: float, unit: str) -> None:
 
 def test_rates_that_show_no_dynamics() -> None:
     (found,) = check_plausible(clean(), ARM, replace(MAP, time=None, rate=1e6))
-    assert found.text.startswith("at the stated rate of 1e+06 Hz there is a sample every 1e-06 s")
+    assert found.text.startswith(
+        "at the stated rate of 1e+06 Hz there is a sample every 1e-06 s"
+    )
     assert not check_plausible(clean(), ARM, replace(MAP, time=None, rate=RATE))
 
 
@@ -79,25 +92,49 @@ def test_millimetres_taken_for_metres() -> None:
     scale = np.array([120.0 if name == "left" else 1.0 for name in names])
     q = np.sin(np.outer(time, np.arange(1, len(names) + 1)))
     positions = {name: Channel(name) for name in names}
-    with pytest.raises(ec.InputError, match="position of 'left': it goes to 120 m: is it in mm"):
-        check_plausible(Recording("run", time, {"q": q * scale}), GRIPPER, ColumnMap(positions=positions))
+    with pytest.raises(
+        ec.InputError, match="position of 'left': it goes to 120 m: is it in mm"
+    ):
+        check_plausible(
+            Recording("run", time, {"q": q * scale}),
+            GRIPPER,
+            ColumnMap(positions=positions),
+        )
     stated = positions | {"left": Channel("left", "mm")}
-    assert not check_plausible(Recording("run", time, {"q": q}), GRIPPER, ColumnMap(positions=stated))
-    (found,) = check_plausible(Recording("run", time, {"q": q * scale**-2}), GRIPPER, ColumnMap(positions=stated))
+    assert not check_plausible(
+        Recording("run", time, {"q": q}), GRIPPER, ColumnMap(positions=stated)
+    )
+    (found,) = check_plausible(
+        Recording("run", time, {"q": q * scale**-2}),
+        GRIPPER,
+        ColumnMap(positions=stated),
+    )
     assert "is the column in m (leave out unit: mm)" in found.text
 
 
 def test_torques_beyond_every_robot_and_beyond_this_one() -> None:
     recorded = clean()
     strong = changed(recorded, "y", 1000 * recorded.signals["y"])
-    with pytest.raises(ec.InputError, match=r"output of 'j1': it goes to .* is it in mN·m \(unit: mN·m\)"):
+    with pytest.raises(
+        ec.InputError,
+        match=r"output of 'j1': it goes to .* is it in mN·m \(unit: mN·m\)",
+    ):
         check_plausible(strong, ARM, MAP)
     assert not check_plausible(strong, ARM, with_unit("outputs", "N·m"))
-    known = replace(ARM, bodies=tuple(replace(body, inertial=(0.1,) * 9 + (0.5,)) for body in ARM.bodies))
+    known = replace(
+        ARM,
+        bodies=tuple(
+            replace(body, inertial=(0.1,) * 9 + (0.5,)) for body in ARM.bodies
+        ),
+    )
     assert not check_plausible(recorded, known, MAP)
-    (found,) = check_plausible(changed(recorded, "y", 30 * recorded.signals["y"]), known, MAP)
+    (found,) = check_plausible(
+        changed(recorded, "y", 30 * recorded.signals["y"]), known, MAP
+    )
     assert "where the weight of the described robot makes" in found.text
-    (found,) = check_plausible(changed(recorded, "y", 1e-6 * recorded.signals["y"]), known, MAP)
+    (found,) = check_plausible(
+        changed(recorded, "y", 1e-6 * recorded.signals["y"]), known, MAP
+    )
     assert "kN·m" in found.text
 
 
@@ -108,5 +145,7 @@ def test_a_log_with_more_joints() -> None:
     assert "'q_rad_7' beside the 6 columns" in found.text
     assert not surplus_columns(used, names[:7], ARM)
     # columns without names: those of other quantities, mapped or not, are no joints
-    numbered = ColumnMap(positions=channels("{n}", ["a", "b"]), outputs=channels("{n}0", ["a", "b"]))
+    numbered = ColumnMap(
+        positions=channels("{n}", ["a", "b"]), outputs=channels("{n}0", ["a", "b"])
+    )
     assert not surplus_columns(numbered, [str(k) for k in range(12)], ARM)

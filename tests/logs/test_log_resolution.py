@@ -22,7 +22,10 @@ from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
 def test_coarse_sensors_are_neither_stuck_nor_saturated(seed: int, bits: int) -> None:
     """Quantised channels repeat values for long, at turning points longest, and reach their extremes many times."""
     recorded = clean(seed, 0.0)
-    signals = {name: np.round(v / np.ptp(v) * 2**bits) * np.ptp(v) / 2**bits for name, v in recorded.signals.items()}
+    signals = {
+        name: np.round(v / np.ptp(v) * 2**bits) * np.ptp(v) / 2**bits
+        for name, v in recorded.signals.items()
+    }
     findings, usable = examine(replace(recorded, signals=signals), ARM)
     assert usable.all()
     assert {finding.kind for finding in findings} <= {"resolution"}
@@ -32,7 +35,10 @@ def test_coarse_positions_are_noted_with_their_step() -> None:
     recorded = clean()
     step = math.tau / 400
     found = one(
-        examine(changed(recorded, "q", np.round(recorded.signals["q"] / step) * step), ARM)[0][:1], "resolution"
+        examine(
+            changed(recorded, "q", np.round(recorded.signals["q"] / step) * step), ARM
+        )[0][:1],
+        "resolution",
     )
     assert found.severity is Severity.NOTE
     assert f"{step:.4g}" in found.text
@@ -50,7 +56,9 @@ def test_the_resolution_of_a_channel(step: float, offset: float, seed: int) -> N
 @pytest.mark.parametrize("factor", [2, 10])
 def test_slow_signals_that_were_held(factor: int) -> None:
     slow = clean(count=COUNT // factor)
-    signals = {name: np.repeat(slow.signals[name], factor, axis=0) for name in ("q", "y")}
+    signals = {
+        name: np.repeat(slow.signals[name], factor, axis=0) for name in ("q", "y")
+    }
     fast = Recording("run", np.arange(COUNT) / RATE / factor, signals)
     found = one(examine(fast, ARM)[0], "held")
     assert f"every {factor} samples" in found.text
@@ -62,7 +70,10 @@ def test_encoders_that_creep_are_not_held() -> None:
     ramp = np.floor(time / 0.04 + 1e-9) * 1e-3
     q = np.stack([ramp, ramp + 1], axis=1)
     y = np.random.default_rng(0).normal(size=q.shape)
-    assert "held" not in [finding.kind for finding in examine(Recording("run", time, {"q": q, "y": y}), ARM)[0]]
+    assert "held" not in [
+        finding.kind
+        for finding in examine(Recording("run", time, {"q": q, "y": y}), ARM)[0]
+    ]
 
 
 @pytest.mark.parametrize("step", [1e-3, 1e-2, 3e-2])

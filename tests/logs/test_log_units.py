@@ -73,7 +73,11 @@ def test_factors(unit: str, quantity: str, expected: float) -> None:
 
 
 WRONG = [
-    ("mm", "rad", r"'mm' is the unit of a length, not of an angle \(valid: rad, deg, °"),
+    (
+        "mm",
+        "rad",
+        r"'mm' is the unit of a length, not of an angle \(valid: rad, deg, °",
+    ),
     ("deg/s", "rad", "of an angular velocity, not of an angle"),
     ("A", "N·m", "of a current, not of a torque"),
     ("N", "N·m", "of a force, not of a torque"),
@@ -88,13 +92,25 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("unit", "quantity", "problem"), WRONG)
-def test_wrong_units_say_what_would_be_right(unit: str, quantity: str, problem: str) -> None:
+def test_wrong_units_say_what_would_be_right(
+    unit: str, quantity: str, problem: str
+) -> None:
     with pytest.raises(ec.InputError, match=problem):
         factor(unit, quantity)
 
 
-@given(st.sampled_from(["N", "m", "s", "rad", "A"]), st.sampled_from(["m", "s", "A"]), st.integers(1, 3))
-def test_products_and_quotients_are_what_they_say(first: str, second: str, power: int) -> None:
+@given(
+    st.sampled_from(["N", "m", "s", "rad", "A"]),
+    st.sampled_from(["m", "s", "A"]),
+    st.integers(1, 3),
+)
+def test_products_and_quotients_are_what_they_say(
+    first: str, second: str, power: int
+) -> None:
     prefixed = f"k{first}/m{second}^{power}"
-    assert factor(prefixed, f"{first}/{second}^{power}") == pytest.approx(1e3 / 1e-3**power, rel=1e-15)
-    assert factor(f"m{first}*k{second}", f"{first}·{second}") == pytest.approx(1.0, rel=1e-15)
+    assert factor(prefixed, f"{first}/{second}^{power}") == pytest.approx(
+        1e3 / 1e-3**power, rel=1e-15
+    )
+    assert factor(f"m{first}*k{second}", f"{first}·{second}") == pytest.approx(
+        1.0, rel=1e-15
+    )

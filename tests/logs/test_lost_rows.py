@@ -12,7 +12,9 @@ from support.simulated_motions import RATE, fourier
 JOINTS = 4
 
 
-def recording(keep: slice | np.ndarray, *, noise: float = 1e-5, held: int = 0) -> Recording:
+def recording(
+    keep: slice | np.ndarray, *, noise: float = 1e-5, held: int = 0
+) -> Recording:
     """Positions of an arm, some rows of them, with the time stamps of a logger that counts rows."""
     rng = np.random.default_rng(5)
     q = fourier(rng, JOINTS, 0.9)[0]
@@ -24,7 +26,12 @@ def recording(keep: slice | np.ndarray, *, noise: float = 1e-5, held: int = 0) -
 
 def thinned(share: float) -> np.ndarray:
     """Which rows are kept."""
-    return np.random.default_rng(7).random(len(fourier(np.random.default_rng(5), JOINTS, 0.9)[0])) > share
+    return (
+        np.random.default_rng(7).random(
+            len(fourier(np.random.default_rng(5), JOINTS, 0.9)[0])
+        )
+        > share
+    )
 
 
 @pytest.mark.parametrize("share", [0.01, 0.03, 0.05])

@@ -18,14 +18,24 @@ SAMPLES = 21
 
 @pytest.fixture(scope="module")
 def run() -> Kernel:
-    return Kernel(function(lambda x, v, p: [x[0] * v[0] + p[0], x[2].sin() * p[1], v[1]], {"x": 3, "v": 2}, {"p": 2}))
+    return Kernel(
+        function(
+            lambda x, v, p: [x[0] * v[0] + p[0], x[2].sin() * p[1], v[1]],
+            {"x": 3, "v": 2},
+            {"p": 2},
+        )
+    )
 
 
 @pytest.fixture
 def values() -> dict[str, Any]:
     """Numbers that single precision holds."""
     rng = np.random.default_rng(1)
-    whole = {"x": rng.integers(-9, 9, (SAMPLES, 3)), "v": rng.integers(-9, 9, (SAMPLES, 2)), "p": [2, -5]}
+    whole = {
+        "x": rng.integers(-9, 9, (SAMPLES, 3)),
+        "v": rng.integers(-9, 9, (SAMPLES, 2)),
+        "p": [2, -5],
+    }
     return {name: np.array(array, dtype=float) for name, array in whole.items()}
 
 
@@ -68,7 +78,9 @@ LAYOUTS: dict[str, Callable[[FloatArray], Any]] = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
-def test_layouts_of_inputs(run: Kernel, values: dict[str, Any], layout: Callable[[FloatArray], Any]) -> None:
+def test_layouts_of_inputs(
+    run: Kernel, values: dict[str, Any], layout: Callable[[FloatArray], Any]
+) -> None:
     expected = run(values)
     found = run({"x": layout(values["x"]), "v": layout(values["v"]), "p": values["p"]})
     assert type(found) is np.ndarray
@@ -96,33 +108,85 @@ def test_one_state(run: Kernel, values: dict[str, Any]) -> None:
 
 def test_no_samples(run: Kernel, values: dict[str, Any]) -> None:
     for threads in (None, 1, 3):
-        assert run({**values, "x": np.zeros((0, 3)), "v": np.zeros((0, 2))}, threads=threads).shape == (0, 3)
+        assert run(
+            {**values, "x": np.zeros((0, 3)), "v": np.zeros((0, 2))}, threads=threads
+        ).shape == (0, 3)
 
 
 WRONG: dict[str, tuple[str, Any, str]] = {
-    "too few columns": ("x", np.zeros((SAMPLES, 2)), r"x has shape (21, 2); expected (samples, 3): x0, x1, x2"),
-    "one state too short": ("x", np.zeros(2), r"x has shape (2,); expected (samples, 3)"),
+    "too few columns": (
+        "x",
+        np.zeros((SAMPLES, 2)),
+        r"x has shape (21, 2); expected (samples, 3): x0, x1, x2",
+    ),
+    "one state too short": (
+        "x",
+        np.zeros(2),
+        r"x has shape (2,); expected (samples, 3)",
+    ),
     "a number": ("x", 1.0, r"x has shape (); expected (samples, 3)"),
-    "masked": ("x", np.ma.masked_equal(np.zeros((SAMPLES, 3)), 0.0), "x has masked values; leave out samples"),
-    "three axes": ("x", np.zeros((SAMPLES, 1, 3)), r"x has shape (21, 1, 3); expected (samples, 3)"),
-    "transposed": ("x", np.zeros((3, SAMPLES)), r"x has shape (3, 21); expected (samples, 3)"),
-    "other samples": ("x", np.zeros((5, 3)), r"arguments have different numbers of samples: x 5, v 21"),
-    "one sample among many": ("x", np.zeros((1, 3)), r"different numbers of samples: x 1, v 21"),
-    "uniform per sample": ("p", np.zeros((SAMPLES, 2)), r"p has shape (21, 2); expected (2,): p0, p1"),
+    "masked": (
+        "x",
+        np.ma.masked_equal(np.zeros((SAMPLES, 3)), 0.0),
+        "x has masked values; leave out samples",
+    ),
+    "three axes": (
+        "x",
+        np.zeros((SAMPLES, 1, 3)),
+        r"x has shape (21, 1, 3); expected (samples, 3)",
+    ),
+    "transposed": (
+        "x",
+        np.zeros((3, SAMPLES)),
+        r"x has shape (3, 21); expected (samples, 3)",
+    ),
+    "other samples": (
+        "x",
+        np.zeros((5, 3)),
+        r"arguments have different numbers of samples: x 5, v 21",
+    ),
+    "one sample among many": (
+        "x",
+        np.zeros((1, 3)),
+        r"different numbers of samples: x 1, v 21",
+    ),
+    "uniform per sample": (
+        "p",
+        np.zeros((SAMPLES, 2)),
+        r"p has shape (21, 2); expected (2,): p0, p1",
+    ),
     "uniform too long": ("p", np.zeros(3), r"p has shape (3,); expected (2,): p0, p1"),
-    "complex": ("x", np.zeros((SAMPLES, 3), dtype=complex), r"x holds complex128 values; expected real numbers"),
-    "truth values": ("x", np.zeros((SAMPLES, 3), dtype=bool), r"x holds bool values; expected real numbers"),
-    "objects": ("x", np.zeros((SAMPLES, 3), dtype=object), r"x holds object values; expected real numbers"),
+    "complex": (
+        "x",
+        np.zeros((SAMPLES, 3), dtype=complex),
+        r"x holds complex128 values; expected real numbers",
+    ),
+    "truth values": (
+        "x",
+        np.zeros((SAMPLES, 3), dtype=bool),
+        r"x holds bool values; expected real numbers",
+    ),
+    "objects": (
+        "x",
+        np.zeros((SAMPLES, 3), dtype=object),
+        r"x holds object values; expected real numbers",
+    ),
     "text": ("x", [["1", "2", "3"]], r"x holds <U1 values; expected real numbers"),
     "None": ("x", None, r"x holds object values; expected real numbers"),
-    "dates": ("x", np.zeros((SAMPLES, 3), dtype="M8[s]"), r"x holds datetime64[s] values; expected real numbers"),
+    "dates": (
+        "x",
+        np.zeros((SAMPLES, 3), dtype="M8[s]"),
+        r"x holds datetime64[s] values; expected real numbers",
+    ),
     "ragged rows": ("x", [[1, 2, 3], [1, 2]], r"x is not an array of numbers"),
     "uniform text": ("p", "ab", r"p holds <U2 values; expected real numbers"),
 }
 
 
 @pytest.mark.parametrize(("name", "value", "message"), WRONG.values(), ids=WRONG.keys())
-def test_wrong_inputs(run: Kernel, values: dict[str, Any], name: str, value: Any, message: str) -> None:
+def test_wrong_inputs(
+    run: Kernel, values: dict[str, Any], name: str, value: Any, message: str
+) -> None:
     out = np.full((SAMPLES, 3), 7.0)
     with pytest.raises(InputError, match=re.escape(message)):
         run({**values, name: value}, out)
@@ -130,9 +194,15 @@ def test_wrong_inputs(run: Kernel, values: dict[str, Any], name: str, value: Any
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("x", "x is missing; it holds x0, x1, x2"), ("p", "p is missing; it holds p0, p1")]
+    ("name", "message"),
+    [
+        ("x", "x is missing; it holds x0, x1, x2"),
+        ("p", "p is missing; it holds p0, p1"),
+    ],
 )
-def test_missing_inputs(run: Kernel, values: dict[str, Any], name: str, message: str) -> None:
+def test_missing_inputs(
+    run: Kernel, values: dict[str, Any], name: str, message: str
+) -> None:
     del values[name]
     with pytest.raises(InputError, match=message):
         run(values)
@@ -147,7 +217,9 @@ def test_long_lists_of_names_are_cut() -> None:
 # -- results -------------------------------------------------------------------------------------------------------
 
 
-def test_results_are_written_where_they_are_wanted(run: Kernel, values: dict[str, Any]) -> None:
+def test_results_are_written_where_they_are_wanted(
+    run: Kernel, values: dict[str, Any]
+) -> None:
     expected = run(values)
     space = np.full((3, SAMPLES, 3), 7.0)
     out = space[1]
@@ -164,27 +236,55 @@ def test_new_results_start_on_a_cache_line(run: Kernel, values: dict[str, Any]) 
 
 
 BAD_RESULTS: dict[str, tuple[Callable[[], Any], str]] = {
-    "too short": (lambda: np.zeros((SAMPLES - 1, 3)), "out has shape (20, 3); expected (21, 3)"),
-    "too long": (lambda: np.zeros((SAMPLES + 1, 3)), "out has shape (22, 3); expected (21, 3)"),
+    "too short": (
+        lambda: np.zeros((SAMPLES - 1, 3)),
+        "out has shape (20, 3); expected (21, 3)",
+    ),
+    "too long": (
+        lambda: np.zeros((SAMPLES + 1, 3)),
+        "out has shape (22, 3); expected (21, 3)",
+    ),
     "flat": (lambda: np.zeros(SAMPLES * 3), "out has shape (63,); expected (21, 3)"),
     "single precision": (
         lambda: np.zeros((SAMPLES, 3), dtype=np.float32),
         "out holds float32 values; expected float64",
     ),
-    "integers": (lambda: np.zeros((SAMPLES, 3), dtype=np.int64), "out holds int64 values; expected float64"),
-    "big-endian": (lambda: np.zeros((SAMPLES, 3), dtype=">f8"), "out holds >f8 values; expected float64"),
-    "Fortran order": (lambda: np.zeros((SAMPLES, 3), order="F"), "out is not contiguous in C order"),
-    "with gaps": (lambda: np.zeros((SAMPLES, 5))[:, :3], "out is not contiguous in C order"),
-    "backwards": (lambda: np.zeros((SAMPLES, 3))[::-1], "out is not contiguous in C order"),
-    "misaligned": (lambda: misaligned(np.zeros((SAMPLES, 3))), "out is not contiguous in C order"),
+    "integers": (
+        lambda: np.zeros((SAMPLES, 3), dtype=np.int64),
+        "out holds int64 values; expected float64",
+    ),
+    "big-endian": (
+        lambda: np.zeros((SAMPLES, 3), dtype=">f8"),
+        "out holds >f8 values; expected float64",
+    ),
+    "Fortran order": (
+        lambda: np.zeros((SAMPLES, 3), order="F"),
+        "out is not contiguous in C order",
+    ),
+    "with gaps": (
+        lambda: np.zeros((SAMPLES, 5))[:, :3],
+        "out is not contiguous in C order",
+    ),
+    "backwards": (
+        lambda: np.zeros((SAMPLES, 3))[::-1],
+        "out is not contiguous in C order",
+    ),
+    "misaligned": (
+        lambda: misaligned(np.zeros((SAMPLES, 3))),
+        "out is not contiguous in C order",
+    ),
     "read-only": (lambda: read_only(np.zeros((SAMPLES, 3))), "out is read-only"),
     "a list": (lambda: [[0.0] * 3] * SAMPLES, "out is a list; expected a NumPy array"),
     "a number": (lambda: 0.0, "out is a float; expected a NumPy array"),
 }
 
 
-@pytest.mark.parametrize(("make", "message"), BAD_RESULTS.values(), ids=BAD_RESULTS.keys())
-def test_unusable_results(run: Kernel, values: dict[str, Any], make: Callable[[], Any], message: str) -> None:
+@pytest.mark.parametrize(
+    ("make", "message"), BAD_RESULTS.values(), ids=BAD_RESULTS.keys()
+)
+def test_unusable_results(
+    run: Kernel, values: dict[str, Any], make: Callable[[], Any], message: str
+) -> None:
     out = make()
     with pytest.raises(InputError, match=re.escape(message)):
         run(values, out)

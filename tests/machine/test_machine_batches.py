@@ -16,17 +16,34 @@ from echelon.machine.rows_text import Way, rows_of
 from echelon.machine.target import Target, host
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program, Scalar
-from support.small_kernels import LANES, Fences, FloatArray, by_numpy, function, same_bits
+from support.small_kernels import (
+    LANES,
+    Fences,
+    FloatArray,
+    by_numpy,
+    function,
+    same_bits,
+)
 
 WIDTH = 11
 """Columns of a result that is written by way of an image if it is big; with 16 it is written directly."""
 SAMPLES = 5000
 
 
-def record(x: list[Scalar], v: list[Scalar], p: list[Scalar]) -> dict[tuple[int, ...], Scalar]:
+def record(
+    x: list[Scalar], v: list[Scalar], p: list[Scalar]
+) -> dict[tuple[int, ...], Scalar]:
     """Some hundred operations of which many use results from far back; every fourth entry is zero."""
     s, c = x[0].sin(), x[1].cos()
-    made = [s * c, s * v[0] + p[0], c - v[1], p[0] * p[1] * x[2], v[2] * v[2], x[0], p[1]]
+    made = [
+        s * c,
+        s * v[0] + p[0],
+        c - v[1],
+        p[0] * p[1] * x[2],
+        v[2] * v[2],
+        x[0],
+        p[1],
+    ]
     for k in range(80):
         made.append((made[k] + made[-1] * s) * 0.5 - made[k // 2] * c)
     return {(k // WIDTH, k % WIDTH): made[-1 - k] for k in range(3 * WIDTH) if k % 4}
@@ -40,7 +57,11 @@ def made(request: pytest.FixtureRequest) -> Function:
 @pytest.fixture(scope="module")
 def values() -> dict[str, FloatArray]:
     rng = np.random.default_rng(1)
-    return {"x": rng.uniform(-3, 3, (SAMPLES, 3)), "v": rng.normal(size=(SAMPLES, 3)), "p": np.array([0.3, -1.2])}
+    return {
+        "x": rng.uniform(-3, 3, (SAMPLES, 3)),
+        "v": rng.normal(size=(SAMPLES, 3)),
+        "p": np.array([0.3, -1.2]),
+    }
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +74,9 @@ def some(values: dict[str, FloatArray], chosen: slice) -> dict[str, FloatArray]:
 
 
 def check(found: FloatArray, expected: FloatArray) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+    )
 
 
 # -- sizes and places ----------------------------------------------------------------------------------------------
@@ -87,16 +110,24 @@ def test_results_anywhere_in_memory(
 
 
 @pytest.mark.usefixtures("any_size")
-def test_a_sample_does_not_depend_on_its_place(made: Function, values: dict[str, FloatArray], target: Target) -> None:
+def test_a_sample_does_not_depend_on_its_place(
+    made: Function, values: dict[str, FloatArray], target: Target
+) -> None:
     run = Kernel(made, target=target)
     whole = run(values)
     order = np.random.default_rng(2).permutation(SAMPLES)
-    assert same_bits(run({**values, "x": values["x"][order], "v": values["v"][order]}), whole[order])
+    assert same_bits(
+        run({**values, "x": values["x"][order], "v": values["v"][order]}), whole[order]
+    )
     for first in range(2 * target.lanes):
-        assert same_bits(run(some(values, slice(first, first + 5))), whole[first : first + 5])
+        assert same_bits(
+            run(some(values, slice(first, first + 5))), whole[first : first + 5]
+        )
 
 
-def test_bad_neighbours_change_nothing(made: Function, values: dict[str, FloatArray], target: Target) -> None:
+def test_bad_neighbours_change_nothing(
+    made: Function, values: dict[str, FloatArray], target: Target
+) -> None:
     """NaN, infinity and huge angles reach the results of their own sample only."""
     run, good = Kernel(made, target=target), some(values, slice(64))
     whole, bad = run(good), good["x"].copy()
@@ -113,7 +144,9 @@ def test_bad_neighbours_change_nothing(made: Function, values: dict[str, FloatAr
 
 
 @pytest.mark.usefixtures("any_size")
-def test_threads_change_nothing(made: Function, values: dict[str, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_threads_change_nothing(
+    made: Function, values: dict[str, FloatArray], monkeypatch: pytest.MonkeyPatch
+) -> None:
     started: list[int] = []
 
     class Pool(ThreadPoolExecutor):
@@ -142,14 +175,18 @@ def test_small_batches_start_no_threads(
 
 
 @pytest.mark.parametrize("threads", [0, -1])
-def test_no_threads(made: Function, values: dict[str, FloatArray], threads: int) -> None:
+def test_no_threads(
+    made: Function, values: dict[str, FloatArray], threads: int
+) -> None:
     out = np.full((SAMPLES, *made.shape), 7.0)
     with pytest.raises(InputError, match=f"threads is {threads}; expected at least 1"):
         Kernel(made)(values, out, threads)
     assert (out == 7).all()
 
 
-def test_one_kernel_for_several_callers(made: Function, values: dict[str, FloatArray]) -> None:
+def test_one_kernel_for_several_callers(
+    made: Function, values: dict[str, FloatArray]
+) -> None:
     """Calls at the same time do not disturb each other, the first ones included, which compile."""
     run = Kernel(made)
 
@@ -187,7 +224,9 @@ def test_parts_change_nothing(
     monkeypatch: pytest.MonkeyPatch,
     part: int,
 ) -> None:
-    monkeypatch.setattr(kernel_module, "lowered", partial(lowered, longest=1, part=part))
+    monkeypatch.setattr(
+        kernel_module, "lowered", partial(lowered, longest=1, part=part)
+    )
     check(Kernel(made)(values), expected)
 
 
@@ -201,12 +240,17 @@ def test_parts_hold_every_operation_once(made: Function) -> None:
     # operands come from inputs, uniform values, constants, or operations before
     done: set[int] = set()
     for node in whole.parts[0]:
-        operands = {made.program.lhs[node], made.program.rhs[node]} & made.varying - whole.columns.keys()
+        operands = {
+            made.program.lhs[node],
+            made.program.rhs[node],
+        } & made.varying - whole.columns.keys()
         assert operands <= done
         done.add(node)
 
 
-def test_a_processor_without_fused_operations(made: Function, values: dict[str, FloatArray]) -> None:
+def test_a_processor_without_fused_operations(
+    made: Function, values: dict[str, FloatArray]
+) -> None:
     """Also what a generic processor of this family can do gives the results."""
     known = host()
     if not known.triple.startswith("x86_64"):
@@ -218,16 +262,22 @@ def test_a_processor_without_fused_operations(made: Function, values: dict[str, 
 def test_targets() -> None:
     for lanes in LANES:
         assert (host(lanes).lanes, host(lanes).cpu) == (lanes, host().cpu)
-    with pytest.raises(InputError, match=r"this processor has no vectors of 3 doubles \(valid: 2"):
+    with pytest.raises(
+        InputError, match=r"this processor has no vectors of 3 doubles \(valid: 2"
+    ):
         host(3)
 
 
 @pytest.mark.parametrize("lanes", ["3", "wide", "-2"])
-def test_width_from_the_environment(monkeypatch: pytest.MonkeyPatch, lanes: str) -> None:
+def test_width_from_the_environment(
+    monkeypatch: pytest.MonkeyPatch, lanes: str
+) -> None:
     monkeypatch.setenv("ECHELON_LANES", "2")
     assert host.__wrapped__().lanes == 2
     monkeypatch.setenv("ECHELON_LANES", lanes)
-    with pytest.raises(InputError, match=f"this processor has no vectors of {lanes} doubles"):
+    with pytest.raises(
+        InputError, match=f"this processor has no vectors of {lanes} doubles"
+    ):
         host.__wrapped__()
 
 
@@ -237,7 +287,9 @@ def test_long_rows_are_not_copied_line_by_line_in_the_code() -> None:
     x = program.input("x")
     entries = {(0, 4 * k): ((x + k) * x).node for k in range(1, 1000)}
     argument = Argument("x", (x.node,), ("x",), ("1",))
-    wide = Function("wide", program, (argument,), entries, (("y",), tuple(map(str, range(40_001)))))
+    wide = Function(
+        "wide", program, (argument,), entries, (("y",), tuple(map(str, range(40_001))))
+    )
     places = [-1] * 40_001
     for entry, (_, column) in enumerate(entries):
         places[column] = entry

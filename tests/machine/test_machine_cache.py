@@ -22,7 +22,9 @@ from echelon.machine.kernel import Kernel
 from echelon.machine.target import Target, host, object_code
 from support.small_kernels import function
 
-posix = pytest.mark.skipif(os.name != "posix", reason="permissions are those of POSIX systems")
+posix = pytest.mark.skipif(
+    os.name != "posix", reason="permissions are those of POSIX systems"
+)
 HEAD = len(b"echelon object code 1\n") + 64 + 1
 """Bytes before the digest of an entry: the kind of file, and the key."""
 
@@ -55,7 +57,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def check(factor: int = 3) -> None:
     """A kernel, made anew, gives what it should."""
     run = Kernel(function(lambda x: [x[0] * factor, x[0] + factor], {"x": 1}))
-    np.testing.assert_array_equal(run({"x": [[2.0], [5.0]]}), [[2 * factor, 2 + factor], [5 * factor, 5 + factor]])
+    np.testing.assert_array_equal(
+        run({"x": [[2.0], [5.0]]}), [[2 * factor, 2 + factor], [5 * factor, 5 + factor]]
+    )
 
 
 def entries(folder: Path) -> list[Path]:
@@ -94,7 +98,9 @@ def test_an_entry_that_is_a_link_is_neither_read_nor_written_through(
 
 
 @posix
-def test_a_pipe_in_the_place_of_an_entry_keeps_nobody_waiting(folder: Path, compilations: Compilations) -> None:
+def test_a_pipe_in_the_place_of_an_entry_keeps_nobody_waiting(
+    folder: Path, compilations: Compilations
+) -> None:
     check()
     (entry,) = entries(folder)
     entry.unlink()
@@ -109,9 +115,20 @@ def test_the_key_covers_everything() -> None:
     """Another source or another processor is another entry."""
     keys = [("a", "text"), ("a", "texts"), ("b", "text")]
     for key in (*keys, *keys):
-        assert target.cached_object(*key, lambda key=key: repr(key).encode()) == repr(key).encode()
-    others = ({"lanes": 1}, {"cpu": "x86-64"}, {"features": "-avx"}, {"triple": "arm64-apple"})
-    assert len({host().identity, *(replace(host(), **other).identity for other in others)}) == 5
+        assert (
+            target.cached_object(*key, lambda key=key: repr(key).encode())
+            == repr(key).encode()
+        )
+    others = (
+        {"lanes": 1},
+        {"cpu": "x86-64"},
+        {"features": "-avx"},
+        {"triple": "arm64-apple"},
+    )
+    assert (
+        len({host().identity, *(replace(host(), **other).identity for other in others)})
+        == 5
+    )
 
 
 # -- damage --------------------------------------------------------------------------------------------------------
@@ -170,7 +187,9 @@ def test_code_without_the_function(folder: Path, compilations: Compilations) -> 
     check()
     (entry,) = entries(folder)
     strange = object_code("define void @strange() {\n  ret void\n}\n", host())
-    entry.write_bytes(entry.read_bytes()[:HEAD] + hashlib.sha256(strange).digest() + strange)
+    entry.write_bytes(
+        entry.read_bytes()[:HEAD] + hashlib.sha256(strange).digest() + strange
+    )
     with pytest.raises(EchelonError, match="the object code has no function 'run'"):
         check()
     assert compilations.count == 1
@@ -193,7 +212,9 @@ def test_only_the_owner_can_write(folder: Path) -> None:
 
 
 @posix
-def test_entries_that_others_can_write_to_are_not_used(folder: Path, compilations: Compilations) -> None:
+def test_entries_that_others_can_write_to_are_not_used(
+    folder: Path, compilations: Compilations
+) -> None:
     check()
     (entry,) = entries(folder)
     entry.chmod(0o666)
@@ -204,10 +225,15 @@ def test_entries_that_others_can_write_to_are_not_used(folder: Path, compilation
 
 @posix
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
-def test_folders_that_others_can_write_to_are_not_used(folder: Path, compilations: Compilations, mode: int) -> None:
+def test_folders_that_others_can_write_to_are_not_used(
+    folder: Path, compilations: Compilations, mode: int
+) -> None:
     check()
     folder.chmod(mode)
-    with pytest.warns(RuntimeWarning, match="compiled code is not kept: .* others can write to it; set ECHELON_CACHE"):
+    with pytest.warns(
+        RuntimeWarning,
+        match="compiled code is not kept: .* others can write to it; set ECHELON_CACHE",
+    ):
         check()
     assert compilations.count == 2
 
@@ -223,7 +249,9 @@ def test_folders_of_others_are_not_used(
     assert compilations.count == 2
 
 
-def test_no_folder_can_be_made(folder: Path, compilations: Compilations, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_folder_can_be_made(
+    folder: Path, compilations: Compilations, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = folder.parents[1] / "file"
     file.write_text("a file", encoding="utf-8")
     for below in (file, file / "objects"):
@@ -234,7 +262,9 @@ def test_no_folder_can_be_made(folder: Path, compilations: Compilations, monkeyp
     assert file.read_text(encoding="utf-8") == "a file"
 
 
-def test_entries_that_cannot_be_written(folder: Path, compilations: Compilations) -> None:
+def test_entries_that_cannot_be_written(
+    folder: Path, compilations: Compilations
+) -> None:
     """A folder in the place of an entry: the code is made, and a warning says that it is not kept."""
     check()
     (entry,) = entries(folder)
@@ -246,7 +276,9 @@ def test_entries_that_cannot_be_written(folder: Path, compilations: Compilations
     assert entries(folder) == [entry]
 
 
-def test_switched_off(tmp_path: Path, compilations: Compilations, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_switched_off(
+    tmp_path: Path, compilations: Compilations, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ECHELON_CACHE", "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
@@ -256,7 +288,9 @@ def test_switched_off(tmp_path: Path, compilations: Compilations, monkeypatch: p
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the usual folder is that of Linux")
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="the usual folder is that of Linux"
+)
 def test_the_usual_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ECHELON_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -278,7 +312,9 @@ def test_old_entries_are_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     assert len(names) == 4
 
 
-def test_entries_that_vanish_while_they_are_looked_at(folder: Path, compilations: Compilations) -> None:
+def test_entries_that_vanish_while_they_are_looked_at(
+    folder: Path, compilations: Compilations
+) -> None:
     folder.mkdir(parents=True, mode=0o700)
     (folder / "gone.bin").symlink_to(folder / "nowhere")
     check()
@@ -300,7 +336,9 @@ for factor in range(3, 9):
 def test_processes_at_the_same_time(folder: Path) -> None:
     paths = [str(Path(__file__).parent), *filter(None, sys.path)]
     command = [sys.executable, "-W", "error:compiled code", "-c", PROCESS, *paths]
-    running = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    running = [
+        subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)
+    ]
     for process in running:
         _, errors = process.communicate(timeout=60)
         assert (process.returncode, errors) == (0, "")

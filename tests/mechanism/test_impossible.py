@@ -39,7 +39,9 @@ def said(robot: str) -> list[str]:
         warnings.simplefilter("always")
         base.values()
     assert all(one.category is ec.DoubtWarning for one in found)
-    assert all(one.filename == __file__ for one in found)  # where a user asked for the values
+    assert all(
+        one.filename == __file__ for one in found
+    )  # where a user asked for the values
     return [str(one.message) for one in found]
 
 
@@ -58,8 +60,13 @@ def test_densities_of_mass_are_possible_in_every_frame() -> None:
 
 def test_links_are_named_once_and_only_those_that_move() -> None:
     (hip,) = said(HIP.replace("TOOL", "0.1"))
-    assert hip.startswith("link 'hip': a principal moment of inertia is negative: -0.0012 kg·m²")
-    assert [text.split(":")[0] for text in said(HIP.replace("TOOL", "1"))] == ["link 'hip'", "link 'tool'"]
+    assert hip.startswith(
+        "link 'hip': a principal moment of inertia is negative: -0.0012 kg·m²"
+    )
+    assert [text.split(":")[0] for text in said(HIP.replace("TOOL", "1"))] == [
+        "link 'hip'",
+        "link 'tool'",
+    ]
 
 
 def test_rows_of_a_description_are_named() -> None:
@@ -69,13 +76,29 @@ def test_rows_of_a_description_are_named() -> None:
 
 
 def test_every_command_that_uses_values_names_them(tmp_path: Path) -> None:
-    (tmp_path / "hip.urdf").write_text(HIP.replace("TOOL", "0.1").replace("0.0012", "1.2"))
+    (tmp_path / "hip.urdf").write_text(
+        HIP.replace("TOOL", "0.1").replace("0.0012", "1.2")
+    )
     robot, saved = str(tmp_path / "hip.urdf"), str(tmp_path / "hip.json")
     derived = run("derive", robot, "--format", "json", "-o", saved)
     assert "negative" not in derived.stderr  # no value is used
     for source in (robot, saved):
-        found = run("generate", source, "--target", "python", "--parameters", "file", "-o", str(tmp_path / "out"))
+        found = run(
+            "generate",
+            source,
+            "--target",
+            "python",
+            "--parameters",
+            "file",
+            "-o",
+            str(tmp_path / "out"),
+        )
         assert found.returncode == 0, found.stderr
-        assert found.stderr.count("warning: link 'hip': a principal moment of inertia is negative") == 1
+        assert (
+            found.stderr.count(
+                "warning: link 'hip': a principal moment of inertia is negative"
+            )
+            == 1
+        )
     plain = run("generate", robot, "--target", "python", "-o", str(tmp_path / "plain"))
     assert "negative" not in plain.stderr

@@ -15,7 +15,15 @@ import pytest
 
 from echelon.exact.expressions import parse_angle
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.joint import Step, ball, rotation, screw, shift, translation, turn
+from echelon.mechanism.joint import (
+    Step,
+    ball,
+    rotation,
+    screw,
+    shift,
+    translation,
+    turn,
+)
 from echelon.mechanism.mechanism import Mechanism
 from support import textbook_arms as arms
 from support.float_regressor import float_regressor, random_states
@@ -29,16 +37,29 @@ def rotation_about(axis: int, angle):  # type: ignore[no-untyped-def]
     """Rodrigues' formula for a coordinate axis."""
     k = np.eye(3)[axis]
     cross = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-    return ca.DM(np.eye(3)) + ca.sin(angle) * ca.DM(cross) + (1 - ca.cos(angle)) * ca.DM(cross @ cross)
+    return (
+        ca.DM(np.eye(3))
+        + ca.sin(angle) * ca.DM(cross)
+        + (1 - ca.cos(angle)) * ca.DM(cross @ cross)
+    )
 
 
 MOUNTING = np.array(rotation_about(2, np.pi / 6) @ rotation_about(0, np.pi / 4))
 
 # Joints with coordinates that are their own derivatives: (our steps, independent pose of the moved frame).
 SCALAR_JOINTS: dict[str, tuple[tuple[Step, ...], Callable]] = {
-    "revolute x": ((rotation("q", 0),), lambda q: (rotation_about(0, q[0]), ca.DM.zeros(3))),
-    "revolute -y": ((rotation("q", 1, -1),), lambda q: (rotation_about(1, -q[0]), ca.DM.zeros(3))),
-    "prismatic -z": ((translation("q", 2, -1),), lambda q: (ca.DM.eye(3), ca.vertcat(0, 0, -q[0]))),
+    "revolute x": (
+        (rotation("q", 0),),
+        lambda q: (rotation_about(0, q[0]), ca.DM.zeros(3)),
+    ),
+    "revolute -y": (
+        (rotation("q", 1, -1),),
+        lambda q: (rotation_about(1, -q[0]), ca.DM.zeros(3)),
+    ),
+    "prismatic -z": (
+        (translation("q", 2, -1),),
+        lambda q: (ca.DM.eye(3), ca.vertcat(0, 0, -q[0])),
+    ),
     "helical y": (
         (screw("q", Polynomial.generator("h"), 1),),
         lambda q: (rotation_about(1, q[0]), ca.vertcat(0, 0.05 * q[0], 0)),
@@ -87,13 +108,20 @@ def energies(poses, velocity, zeta):  # type: ignore[no-untyped-def]
         spin = r.T @ velocity(r)
         w = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
         v = r.T @ velocity(p)
-        kinetic = 0.5 * m * ca.dot(v, v) + ca.dot(moment, ca.cross(v, w)) + 0.5 * ca.dot(w, tensor @ w)
+        kinetic = (
+            0.5 * m * ca.dot(v, v)
+            + ca.dot(moment, ca.cross(v, w))
+            + 0.5 * ca.dot(w, tensor @ w)
+        )
         total += kinetic + ca.dot(ca.DM(GRAVITY), m * p + r @ moment)
     return total
 
 
 def lagrange(
-    pose: Callable, n: int, zeta: npt.NDArray[np.float64], state: tuple[npt.NDArray[np.float64], ...]
+    pose: Callable,
+    n: int,
+    zeta: npt.NDArray[np.float64],
+    state: tuple[npt.NDArray[np.float64], ...],
 ) -> npt.NDArray[np.float64]:
     """Generalised forces d/dt ∂L/∂q̇ − ∂L/∂q for the chain with n coordinates in the middle."""
     q, qd, qdd = ca.SX.sym("q", n + 2), ca.SX.sym("qd", n + 2), ca.SX.sym("qdd", n + 2)
@@ -110,7 +138,11 @@ def lagrange(
 
     energy = energies(poses, velocity, zeta)
     momentum = ca.gradient(energy, qd)
-    force = ca.jtimes(momentum, q, qd) + ca.jtimes(momentum, qd, qdd) - ca.gradient(energy, q)
+    force = (
+        ca.jtimes(momentum, q, qd)
+        + ca.jtimes(momentum, qd, qdd)
+        - ca.gradient(energy, q)
+    )
     return np.array(ca.Function("f", [q, qd, qdd], [force])(*state)).ravel()
 
 
@@ -133,12 +165,20 @@ def test_ball(free: bool) -> None:
 
     With R = Rx Ry Rz the angular velocity in body axes is ω = E(φ) φ̇, so Euler's torques are Eᵀ times ours.
     """
-    steps = (*(translation(f"t{k}", k) for k in range(3)), ball("s")) if free else (ball("s"),)
+    steps = (
+        (*(translation(f"t{k}", k) for k in range(3)), ball("s"))
+        if free
+        else (ball("s"),)
+    )
     mechanism = chain(steps, "ball")
     shift = 3 if free else 0
 
     def pose(q):  # type: ignore[no-untyped-def]
-        turned = rotation_about(0, q[shift]) @ rotation_about(1, q[shift + 1]) @ rotation_about(2, q[shift + 2])
+        turned = (
+            rotation_about(0, q[shift])
+            @ rotation_about(1, q[shift + 1])
+            @ rotation_about(2, q[shift + 2])
+        )
         return turned, ca.vertcat(*(q[k] for k in range(3))) if free else ca.DM.zeros(3)
 
     rng = np.random.default_rng(4)
@@ -150,7 +190,9 @@ def test_ball(free: bool) -> None:
     ours = (
         np.concatenate([euler[0][: 1 + shift], quaternion(phi), euler[0][-1:]]),
         np.concatenate([euler[1][: 1 + shift], e @ phi_d, euler[1][-1:]]),
-        np.concatenate([euler[2][: 1 + shift], e @ phi_dd + e_dot @ phi_d, euler[2][-1:]]),
+        np.concatenate(
+            [euler[2][: 1 + shift], e @ phi_dd + e_dot @ phi_d, euler[2][-1:]]
+        ),
     )
     torque = float_regressor(mechanism, *ours)[0] @ zeta
     expected = lagrange(pose, n, zeta, euler)
@@ -162,7 +204,11 @@ def euler_map(phi: npt.NDArray[np.float64], rate: npt.NDArray[np.float64]):  # t
     """E with ω = E φ̇ in body axes for Rx Ry Rz, and its time derivative."""
     angles = ca.SX.sym("phi", 3)
     ry, rz = rotation_about(1, angles[1]), rotation_about(2, angles[2])
-    columns = [rz.T @ ry.T @ ca.DM([1, 0, 0]), rz.T @ ca.DM([0, 1, 0]), ca.DM([0, 0, 1])]
+    columns = [
+        rz.T @ ry.T @ ca.DM([1, 0, 0]),
+        rz.T @ ca.DM([0, 1, 0]),
+        ca.DM([0, 0, 1]),
+    ]
     e = ca.horzcat(*columns)
     derivative = ca.reshape(ca.jacobian(ca.vec(e), angles) @ ca.DM(rate), 3, 3)
     values = ca.Function("e", [angles], [e, derivative])(phi)
@@ -173,12 +219,17 @@ def quaternion(phi: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Rx Ry Rz as (w, x, y, z)."""
 
     def product(a, b):  # type: ignore[no-untyped-def]
-        w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
+        w, v = (
+            a[0] * b[0] - a[1:] @ b[1:],
+            a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]),
+        )
         return np.array([w, *v])
 
     total = np.array([1.0, 0, 0, 0])
     for axis, angle in enumerate(phi):
-        total = product(total, np.array([np.cos(angle / 2), *(np.sin(angle / 2) * np.eye(3)[axis])]))
+        total = product(
+            total, np.array([np.cos(angle / 2), *(np.sin(angle / 2) * np.eye(3)[axis])])
+        )
     return total
 
 
@@ -203,7 +254,9 @@ def aimed(*steps: Step) -> tuple[Step, ...]:
 
 def unaligned(name: str, axis: npt.ArrayLike, *more: float) -> Callable[[Any], Any]:
     """Pinocchio's joint with a general axis."""
-    return lambda pin: getattr(pin, f"JointModel{name}Unaligned")(*np.asarray(axis, dtype=float), *more)
+    return lambda pin: getattr(pin, f"JointModel{name}Unaligned")(
+        *np.asarray(axis, dtype=float), *more
+    )
 
 
 def composite(*names: str) -> Callable[[Any], Any]:
@@ -231,8 +284,14 @@ NATIVE: dict[str, tuple[tuple[Step, ...], Callable[[Any], Any]]] = {
     "helical": (aimed(screw("q", H)), unaligned("Helical", Z, 0.05)),
     "helical against": (aimed(screw("q", H, 2, -1)), unaligned("Helical", -Z, 0.05)),
     "cylindrical": (arms.cylindrical_motions("q", 1), composite("PY", "RY")),
-    "universal": (arms.universal_motions("q"), lambda pin: pin.JointModelUniversal(1, 0, 0, 0, 1, 0)),
-    "universal z x": (arms.universal_motions("q", 2, 0), lambda pin: pin.JointModelUniversal(0, 0, 1, 1, 0, 0)),
+    "universal": (
+        arms.universal_motions("q"),
+        lambda pin: pin.JointModelUniversal(1, 0, 0, 0, 1, 0),
+    ),
+    "universal z x": (
+        arms.universal_motions("q", 2, 0),
+        lambda pin: pin.JointModelUniversal(0, 0, 1, 1, 0, 0),
+    ),
     "spherical": ((ball("q"),), plain("Spherical")),
     "planar": (arms.planar_motions("q"), plain("Planar")),
     "floating": (arms.floating_motions("q"), plain("FreeFlyer")),
@@ -246,7 +305,12 @@ def test_native_joint(kind: str) -> None:
     steps, make = NATIVE[kind]
     mechanism = chain(steps, kind)
     zeta = np.random.default_rng(6).uniform(-1, 1, 30)
-    zeta[0::10], zeta[3::10], zeta[5::10], zeta[9::10] = 9, 8, 10, (1.5, 0.7, 2)  # Pinocchio insists on possible bodies
+    zeta[0::10], zeta[3::10], zeta[5::10], zeta[9::10] = (
+        9,
+        8,
+        10,
+        (1.5, 0.7, 2),
+    )  # Pinocchio insists on possible bodies
     model = native_chain(pin, make(pin), zeta)
     data = model.createData()
     q, qd, qdd = random_states(mechanism, 3)
@@ -254,10 +318,15 @@ def test_native_joint(kind: str) -> None:
     for k in range(3):
         *middle, axes = native_state(pin, kind, q[k, 1:-1], qd[k, 1:-1], qdd[k, 1:-1])
         ends = ((x[k, :1], x[k, -1:]) for x in (q, qd, qdd))
-        states = (np.concatenate([first, x, last]) for x, (first, last) in zip(middle, ends, strict=True))
+        states = (
+            np.concatenate([first, x, last])
+            for x, (first, last) in zip(middle, ends, strict=True)
+        )
         expected = np.array(pin.rnea(model, data, *states))
         expected[1:-1] = axes @ expected[1:-1]
-        np.testing.assert_allclose(torque[k], expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            torque[k], expected, rtol=0, atol=1e-13 * np.abs(expected).max()
+        )
 
 
 def native_chain(pin: Any, joint: Any, zeta: npt.NDArray[np.float64]) -> Any:
@@ -266,18 +335,28 @@ def native_chain(pin: Any, joint: Any, zeta: npt.NDArray[np.float64]) -> Any:
     model.gravity.linear = GRAVITY
     mounting, host = pin.SE3(MOUNTING, OFFSET), 0
     for k, (placed, kind) in enumerate(
-        [(pin.SE3.Identity(), pin.JointModelRX()), (mounting, joint), (mounting, pin.JointModelRY())]
+        [
+            (pin.SE3.Identity(), pin.JointModelRX()),
+            (mounting, joint),
+            (mounting, pin.JointModelRY()),
+        ]
     ):
         host = model.addJoint(host, kind, placed, f"joint {k}")
         xx, xy, xz, yy, yz, zz, mx, my, mz, m = zeta[10 * k : 10 * k + 10]
         c = np.array([mx, my, mz]) / m
-        central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))
+        central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (
+            c @ c * np.eye(3) - np.outer(c, c)
+        )
         model.appendBodyToJoint(host, pin.Inertia(m, c, central), pin.SE3.Identity())
     return model
 
 
 def native_state(
-    pin: Any, kind: str, q: npt.NDArray[np.float64], qd: npt.NDArray[np.float64], qdd: npt.NDArray[np.float64]
+    pin: Any,
+    kind: str,
+    q: npt.NDArray[np.float64],
+    qd: npt.NDArray[np.float64],
+    qdd: npt.NDArray[np.float64],
 ) -> tuple[npt.NDArray[np.float64], ...]:
     """Position, velocity and acceleration of a joint in Pinocchio's coordinates, and the axes of its velocities.
 

@@ -33,13 +33,18 @@ HELD = [
     ("panda", ("panda_joint7", "panda_finger_joint1", "panda_finger_joint2")),
     ("xarm7", ("joint1", "joint3", "joint5")),
     ("solo12", ("FL_HFE", "HR_KFE")),
-    ("talos_full_v2", ("leg_left_1_joint", "arm_right_3_joint", "torso_1_joint", "head_2_joint")),
+    (
+        "talos_full_v2",
+        ("leg_left_1_joint", "arm_right_3_joint", "torso_1_joint", "head_2_joint"),
+    ),
 ]
 
 
 @cache
 def loaded(name: str, floating: bool = False) -> Mechanism:
-    return ec.load(robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True)
+    return ec.load(
+        robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True
+    )
 
 
 def reduced(model: Any, positions: dict[str, float]) -> Any:
@@ -47,8 +52,12 @@ def reduced(model: Any, positions: dict[str, float]) -> Any:
     q = pin.neutral(model)
     for name, angle in positions.items():
         joint = model.joints[model.getJointId(name)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(angle), np.sin(angle)) if joint.nq == 2 else angle
-    return pin.buildReducedModel(model, [model.getJointId(name) for name in positions], q)
+        q[joint.idx_q : joint.idx_q + joint.nq] = (
+            (np.cos(angle), np.sin(angle)) if joint.nq == 2 else angle
+        )
+    return pin.buildReducedModel(
+        model, [model.getJointId(name) for name in positions], q
+    )
 
 
 def random_model(name: str, seed: int) -> tuple[Any, Floats]:
@@ -57,24 +66,40 @@ def random_model(name: str, seed: int) -> tuple[Any, Floats]:
     pin.seed(seed)
     for joint in range(1, model.njoints):
         model.inertias[joint] = pin.Inertia.Random()
-    joints = [model.getJointId(body.joint.name) for body in mechanism.bodies if body.carried]
-    return model, np.concatenate([model.inertias[j].toDynamicParameters()[ORDER] for j in joints])
+    joints = [
+        model.getJointId(body.joint.name) for body in mechanism.bodies if body.carried
+    ]
+    return model, np.concatenate(
+        [model.inertias[j].toDynamicParameters()[ORDER] for j in joints]
+    )
 
 
 def chosen(names: tuple[str, ...], seed: int) -> dict[str, float]:
-    return dict(zip(names, np.random.default_rng(seed).uniform(-1.5, 1.5, len(names)).tolist(), strict=True))
+    return dict(
+        zip(
+            names,
+            np.random.default_rng(seed).uniform(-1.5, 1.5, len(names)).tolist(),
+            strict=True,
+        )
+    )
 
 
 # -- single joints -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "names"), HELD, ids=lambda v: v if isinstance(v, str) else "+".join(v))
-def test_remaining_joints_are_those_of_the_reduced_model(name: str, names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("name", "names"), HELD, ids=lambda v: v if isinstance(v, str) else "+".join(v)
+)
+def test_remaining_joints_are_those_of_the_reduced_model(
+    name: str, names: tuple[str, ...]
+) -> None:
     """Torques of random inertias: what is held rides on as a part of the links before it."""
     positions = chosen(names, 3)
     model, zeta = random_model(name, 3)
     truth, ours = reduced(model, positions), lock_joints(loaded(name), positions)
-    assert set(ours.velocities) == {n for n in loaded(name).velocities if n not in names}
+    assert set(ours.velocities) == {
+        n for n in loaded(name).velocities if n not in names
+    }
     q, qd, qdd = random_states(ours, 4)
     found = float_regressor(ours, q, qd, qdd) @ zeta
     data = truth.createData()
@@ -85,25 +110,38 @@ def test_remaining_joints_are_those_of_the_reduced_model(name: str, names: tuple
         for column, joint in enumerate(ours.velocities):
             at = truth.joints[truth.getJointId(joint)]
             angle = q[k, column]
-            full[at.idx_q : at.idx_q + at.nq] = (np.cos(angle), np.sin(angle)) if at.nq == 2 else angle
+            full[at.idx_q : at.idx_q + at.nq] = (
+                (np.cos(angle), np.sin(angle)) if at.nq == 2 else angle
+            )
             rates[:, at.idx_v] = qd[k, column], qdd[k, column]
             places.append(at.idx_v)
         expected = pin.rnea(truth, data, full, *rates)[places]
-        np.testing.assert_allclose(found[k], expected, atol=100 * TURNED * np.abs(expected).max())
+        np.testing.assert_allclose(
+            found[k], expected, atol=100 * TURNED * np.abs(expected).max()
+        )
 
 
-@pytest.mark.parametrize("angle", [1e-4, 4.9e-5, -0.0003, 0.7853, 2 * np.arctan(0.50005), np.pi, -np.pi, 3.1, 40.0])
+@pytest.mark.parametrize(
+    "angle",
+    [1e-4, 4.9e-5, -0.0003, 0.7853, 2 * np.arctan(0.50005), np.pi, -np.pi, 3.1, 40.0],
+)
 def test_held_angles_are_those_asked_for(angle: float) -> None:
     arm = lock_joints(ec.load(EXAMPLES / "double_pendulum.yaml"), {"j1": angle})
     turn = Kinematics(arm).frames(np.zeros((1, 1)))[0, 0, :, :3]
-    expected = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    expected = [
+        [np.cos(angle), -np.sin(angle), 0],
+        [np.sin(angle), np.cos(angle), 0],
+        [0, 0, 1],
+    ]
     np.testing.assert_allclose(turn, expected, atol=TURNED)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
 
 
 def test_zero_is_exact() -> None:
     arm = lock_joints(ec.load(EXAMPLES / "double_pendulum.yaml"), {"j1": 0})
-    np.testing.assert_array_equal(Kinematics(arm).frames(np.zeros((1, 1)))[0, 0, :, :3], np.eye(3))
+    np.testing.assert_array_equal(
+        Kinematics(arm).frames(np.zeros((1, 1)))[0, 0, :, :3], np.eye(3)
+    )
     assert lock_joints(arm, {}) is arm
 
 
@@ -117,14 +155,18 @@ def test_slides_and_screws_stay_where_they_are(name: str) -> None:
         part = lock_joints(whole, {motion: 0.37})
         kept = np.delete(q, k, axis=1)
         assert len(part.positions) == len(whole.positions) - 1
-        np.testing.assert_allclose(Kinematics(part).frames(kept), Kinematics(whole).frames(q), atol=TURNED)
+        np.testing.assert_allclose(
+            Kinematics(part).frames(kept), Kinematics(whole).frames(q), atol=TURNED
+        )
         q[:, k] = np.random.default_rng(k).uniform(-1, 1, 3)
 
 
 # -- ranks -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "names"), HELD[:6], ids=lambda v: v if isinstance(v, str) else "+".join(v))
+@pytest.mark.parametrize(
+    ("name", "names"), HELD[:6], ids=lambda v: v if isinstance(v, str) else "+".join(v)
+)
 def test_ranks(name: str, names: tuple[str, ...]) -> None:
     """As many base parameters as Pinocchio's regressor of the reduced model has independent columns."""
     positions = chosen(names, 5)
@@ -132,9 +174,14 @@ def test_ranks(name: str, names: tuple[str, ...]) -> None:
     truth = reduced(pinocchio_model(robot_file(name), False), positions)
     carriers = [b for b in ours.bodies if b.joint.motions]
     plain = Mechanism(
-        ours.name, tuple(_rooted(ours, carriers, body) for body in carriers), ours.gravity, symbols=ours.symbols
+        ours.name,
+        tuple(_rooted(ours, carriers, body) for body in carriers),
+        ours.gravity,
+        symbols=ours.symbols,
     )
-    X = pinocchio_regressor(plain, truth, *random_states(plain, 200)).reshape(-1, 10 * len(carriers))
+    X = pinocchio_regressor(plain, truth, *random_states(plain, 200)).reshape(
+        -1, 10 * len(carriers)
+    )
     values = np.linalg.svd(X, compute_uv=False)
     expected = int(np.sum(values > 1e-10 * values[0]))
     assert values[expected - 1] > 1e-6 * values[0]  # a gap: the rank is certain
@@ -146,7 +193,9 @@ def _rooted(mechanism: Mechanism, carriers: list[Any], body: Any) -> Any:
     parent = body.parent
     while parent >= 0 and mechanism.bodies[parent] not in carriers:
         parent = mechanism.bodies[parent].parent
-    return replace(body, parent=-1 if parent < 0 else carriers.index(mechanism.bodies[parent]))
+    return replace(
+        body, parent=-1 if parent < 0 else carriers.index(mechanism.bodies[parent])
+    )
 
 
 # -- floating bases ----------------------------------------------------------------------------------------------------
@@ -165,8 +214,12 @@ def test_bases_held_upright_are_fixed_ones(name: str) -> None:
     moving = [body.name for body in fixed.bodies]
     assert [body.name for body in bolted.bodies[offset:]] == moving
     first = len(column) - theirs.shape[2]
-    np.testing.assert_array_equal(ours[:, :, :first], 0)  # what is bolted down is not seen
-    np.testing.assert_allclose(ours[:, :, first:], theirs, atol=1e-12 * np.abs(theirs).max())
+    np.testing.assert_array_equal(
+        ours[:, :, :first], 0
+    )  # what is bolted down is not seen
+    np.testing.assert_allclose(
+        ours[:, :, first:], theirs, atol=1e-12 * np.abs(theirs).max()
+    )
     assert ec.base_parameters(bolted).rank == ec.base_parameters(fixed).rank
 
 
@@ -198,26 +251,43 @@ def compare_at_rest(whole: Mechanism, held_name: str, position: float) -> None:
     q, qd, qdd = random_states(whole, 6)
     q[:, k], qd[:, k], qdd[:, k] = position, 0, 0
     kept = [np.delete(x, k, axis=1) for x in (q, qd, qdd)]
-    rows = [whole.outputs.index(o) for o in whole.outputs if o.name in {p.name for p in part.outputs}]
+    rows = [
+        whole.outputs.index(o)
+        for o in whole.outputs
+        if o.name in {p.name for p in part.outputs}
+    ]
     expected = float_regressor(whole, q, qd, qdd)[:, rows]
     names = [whole.parameters.index(p) for p in part.parameters]
     found = float_regressor(part, *kept)
-    np.testing.assert_allclose(found, expected[:, :, names], atol=100 * TURNED * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected[:, :, names], atol=100 * TURNED * np.abs(expected).max()
+    )
     gone = np.delete(expected, names, axis=2)
     # parameters that are no longer there did nothing where anything is seen
     np.testing.assert_allclose(gone, 0, atol=1e-12)
 
 
 def test_effects_of_what_is_held_go() -> None:
-    whole = written("effects: [{type: viscous, at: all}, {type: coulomb, at: all}, {type: offset, at: all}]\n")
+    whole = written(
+        "effects: [{type: viscous, at: all}, {type: coulomb, at: all}, {type: offset, at: all}]\n"
+    )
     compare_at_rest(whole, "j2", 0.8)
     part = lock_joints(whole, {"j2": 0.8})
-    assert [effect.parameter for effect in part.effects] == ["Fv1", "Fv3", "Fc1", "Fc3", "Fo1", "Fo3"]
+    assert [effect.parameter for effect in part.effects] == [
+        "Fv1",
+        "Fv3",
+        "Fc1",
+        "Fc3",
+        "Fo1",
+        "Fo3",
+    ]
     assert [output.name for output in part.outputs] == ["j1", "j3"]
 
 
 def test_drives_of_their_own() -> None:
-    compare_at_rest(written("actuators: {m1: 10*j1, m2: 20*j2, m3: 30*j3}\n"), "j3", 0.2)
+    compare_at_rest(
+        written("actuators: {m1: 10*j1, m2: 20*j2, m3: 30*j3}\n"), "j3", 0.2
+    )
 
 
 def test_outputs_that_are_seen() -> None:
@@ -229,14 +299,19 @@ def test_outputs_that_are_seen() -> None:
 def test_effects_between_what_is_held_and_what_moves() -> None:
     """Friction of the difference of two joints is felt by either."""
     term = '[{at: j1, side: joint, term: "qd[j1] - qd[j2]"}, {at: j2, side: joint, term: "qd[j2] - qd[j1]"}]'
-    whole = written(f"outputs: [{{joint: all}}]\neffects: [{{parameter: fv12, unit: N·m·s/rad, acts: {term}}}]\n")
+    whole = written(
+        f"outputs: [{{joint: all}}]\neffects: [{{parameter: fv12, unit: N·m·s/rad, acts: {term}}}]\n"
+    )
     compare_at_rest(whole, "j2", 0.0)
 
 
 def test_coupled_wrists_with_a_joint_held() -> None:
     """Joint 6 of the TX40 stands still: its motor turns with joint 5."""
     arm = ec.load(EXAMPLES / "tx40.yaml")
-    with pytest.raises(ec.InputError, match=r"m5, m6 would drive j1, .* hold all joints that are coupled"):
+    with pytest.raises(
+        ec.InputError,
+        match=r"m5, m6 would drive j1, .* hold all joints that are coupled",
+    ):
         lock_joints(arm, {"j6": 0.0})
     assert ec.base_parameters(lock_joints(arm, {"j5": 0.0, "j6": 0.0})).rank > 0
 
@@ -249,7 +324,10 @@ def test_coupled_coordinates_follow() -> None:
     expected = Kinematics(whole).frames(np.column_stack([q, np.full(4, 0.02)]))
     np.testing.assert_allclose(Kinematics(part).frames(q), expected, atol=1e-15)
     names = [body.name for body in part.bodies]
-    apart = expected[:, names.index("left_finger"), :, 3] - expected[:, names.index("right_finger"), :, 3]
+    apart = (
+        expected[:, names.index("left_finger"), :, 3]
+        - expected[:, names.index("right_finger"), :, 3]
+    )
     np.testing.assert_allclose(np.linalg.norm(apart, axis=1), 0.04, atol=1e-15)
 
 
@@ -261,7 +339,9 @@ def test_what_cannot_be_held() -> None:
         lock_joints(gripper, {"lft": 0.0})
     tree = ec.load(EXAMPLES / "floating_tree.yaml")
     ball = next(motion for motion in tree.motions if len(motion.positions) == 4)
-    with pytest.raises(InputError, match=f"'{ball.name}' turns freely; it can be held at 0 only"):
+    with pytest.raises(
+        InputError, match=f"'{ball.name}' turns freely; it can be held at 0 only"
+    ):
         lock_joints(tree, {ball.name: 0.3})
     loop = ec.load(next((EXAMPLES / "loops").glob("*.yaml")))
     with pytest.raises(InputError, match="with loops cannot be locked"):
@@ -270,12 +350,18 @@ def test_what_cannot_be_held() -> None:
 
 def test_couplings_are_held_whole_or_not() -> None:
     sums = written("couplings: [{j3: j1 + j2}]\n")
-    with pytest.raises(InputError, match="'j3' follows j1, j2: hold all of them or none"):
+    with pytest.raises(
+        InputError, match="'j3' follows j1, j2: hold all of them or none"
+    ):
         lock_joints(sums, {"j1": 0.1})
     both = lock_joints(sums, {"j1": 0.1, "j2": 0.2})
     assert both.velocities == ()
     q = np.array([[0.1, 0.2]])
-    np.testing.assert_allclose(Kinematics(both).frames(np.zeros((1, 0))), Kinematics(sums).frames(q), atol=6 * TURNED)
+    np.testing.assert_allclose(
+        Kinematics(both).frames(np.zeros((1, 0))),
+        Kinematics(sums).frames(q),
+        atol=6 * TURNED,
+    )
     geared = written("couplings: [{j3: l1*j1}]\n")
     with pytest.raises(InputError, match="the coupling of 'j3' has symbols"):
         lock_joints(geared, {"j1": 0.1})

@@ -15,7 +15,9 @@ def test_positions_of_motors_become_positions_of_joints() -> None:
     """θ = T q, with motors that move two joints."""
     robot = ec.load(EXAMPLES / "tx40.yaml")
     names, matrix = transmission_matrix(robot)
-    assert np.abs(matrix - matrix.T).max() > 1  # else T could not be told from its transpose
+    assert (
+        np.abs(matrix - matrix.T).max() > 1
+    )  # else T could not be told from its transpose
     q = RNG.normal(size=(5, len(robot.velocities)))
     columns = [robot.velocities.index(name) for name in names]
     motors = q.copy()

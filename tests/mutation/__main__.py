@@ -24,7 +24,17 @@ from mutation.faults import FAULTS
 CAUGHT = 0.95
 """Share of the faults that tests must catch."""
 
-COPIED = ("src", "tests", "examples", "schemas", "docs", "conftest.py", "pyproject.toml", "CHANGELOG.md", "README.md")
+COPIED = (
+    "src",
+    "tests",
+    "examples",
+    "schemas",
+    "docs",
+    "conftest.py",
+    "pyproject.toml",
+    "CHANGELOG.md",
+    "README.md",
+)
 WIDER = " ".join(
     (
         "base/test_structure.py",
@@ -66,15 +76,32 @@ def passes(copy: Path, tests: str) -> bool:
         return False
 
 
-def _tested(copy: Path, arguments: str, variables: Mapping[str, str], limit: float | None) -> str:
+def _tested(
+    copy: Path, arguments: str, variables: Mapping[str, str], limit: float | None
+) -> str:
     """Run tests; what was printed if one failed."""
     environment = {**os.environ, **variables, "PYTHONPATH": str(copy / "src")}
     options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-m", "not slow"]
     options += ["--hypothesis-profile", "unshrunk"]
-    chosen = [f"tests/{word}" if ".py" in word else word for word in dict.fromkeys(arguments.split())]
+    chosen = [
+        f"tests/{word}" if ".py" in word else word
+        for word in dict.fromkeys(arguments.split())
+    ]
     command = [sys.executable, "-m", "pytest", *options, *chosen]
-    run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, timeout=limit, check=False)
-    if run.returncode not in (0, 1, 2):  # 1: a test failed; 2: a file could not even be imported
+    run = subprocess.run(
+        command,
+        cwd=copy,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=limit,
+        check=False,
+    )
+    if run.returncode not in (
+        0,
+        1,
+        2,
+    ):  # 1: a test failed; 2: a file could not even be imported
         sys.exit(f"pytest could not run {arguments}:\n{run.stdout}{run.stderr}")
     return run.stdout if run.returncode else ""
 
@@ -103,13 +130,18 @@ def run(faults: Sequence[Fault], jobs: int) -> list[str]:
         copy, start = copies.get(), time.monotonic()
         outcome = noticed(copy, fault)
         copies.put(copy)
-        print(f"{outcome:24} {time.monotonic() - start:5.1f} s  {fault.file}: {fault.breaks}", flush=True)
+        print(
+            f"{outcome:24} {time.monotonic() - start:5.1f} s  {fault.file}: {fault.breaks}",
+            flush=True,
+        )
         return outcome
 
     with tempfile.TemporaryDirectory() as folder:
         first = copied(Path(folder, "0"))
         print("the tests that are to fall, without a fault ...", flush=True)
-        failed = _tested(first, f"-n {jobs} " + " ".join(fault.tests for fault in faults), {}, None)
+        failed = _tested(
+            first, f"-n {jobs} " + " ".join(fault.tests for fault in faults), {}, None
+        )
         if failed:
             sys.exit(f"they do not pass as it is; mend that first\n{failed}")
         copies.put(first)
@@ -122,10 +154,22 @@ def run(faults: Sequence[Fault], jobs: int) -> list[str]:
 def main() -> int:
     """Run the faults that were asked for."""
     parser = argparse.ArgumentParser(prog="make mutate", description=__doc__)
-    parser.add_argument("--only", default="", metavar="TEXT", help="faults whose file or description contains this")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many run at the same time")
+    parser.add_argument(
+        "--only",
+        default="",
+        metavar="TEXT",
+        help="faults whose file or description contains this",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        help="how many run at the same time",
+    )
     chosen = parser.parse_args()
-    faults = [fault for fault in FAULTS if chosen.only in f"{fault.file}: {fault.breaks}"]
+    faults = [
+        fault for fault in FAULTS if chosen.only in f"{fault.file}: {fault.breaks}"
+    ]
     if not faults:
         parser.error(f"no fault is called '{chosen.only}'")
     outcomes = run(faults, max(1, chosen.jobs))
@@ -133,7 +177,9 @@ def main() -> int:
     print(f"\n{caught} of {len(faults)} faults were caught")
     for fault, outcome in zip(faults, outcomes, strict=True):
         if not outcome.startswith("caught"):
-            print(f"{outcome}: {fault.file}: {fault.breaks}: {fault.old!r} -> {fault.new!r} ({fault.tests})")
+            print(
+                f"{outcome}: {fault.file}: {fault.breaks}: {fault.old!r} -> {fault.new!r} ({fault.tests})"
+            )
     applied = not any(outcome.startswith("DOES NOT APPLY") for outcome in outcomes)
     return 0 if applied and caught >= CAUGHT * len(faults) else 1
 

@@ -2,7 +2,11 @@
 
 from mutation.fault import Fault
 
-CERTIFICATE, PRIMES, BALLS = "base/certificate.py", "base/prime_checks.py", "base/ball_checks.py"
+CERTIFICATE, PRIMES, BALLS = (
+    "base/certificate.py",
+    "base/prime_checks.py",
+    "base/ball_checks.py",
+)
 ORDER = "base/matrix.py"
 CLAIMS = "claims/test_false_claims.py"
 
@@ -21,7 +25,9 @@ FAULTS = (
         "a false claim about an invisible parameter",
         CLAIMS,
     ),
-    Fault(PRIMES, "0, :self.sampler.regions]", "0, :1]", "one region is looked at", CLAIMS),
+    Fault(
+        PRIMES, "0, :self.sampler.regions]", "0, :1]", "one region is looked at", CLAIMS
+    ),
     Fault(
         CERTIFICATE,
         "if minor.rank < self.matrix.rank:",
@@ -78,8 +84,20 @@ FAULTS = (
         "sums in X̄ B",
         "base/test_certificate.py::test_right_sets_pass",
     ),
-    Fault(ORDER, "inf if (body", "-inf if (body", "parameters of effects come first", "base/test_order.py"),
-    Fault(ORDER, "else -(factor * value)", "else factor * value", "exchange of pivots", "base/test_order.py"),
+    Fault(
+        ORDER,
+        "inf if (body",
+        "-inf if (body",
+        "parameters of effects come first",
+        "base/test_order.py",
+    ),
+    Fault(
+        ORDER,
+        "else -(factor * value)",
+        "else factor * value",
+        "exchange of pivots",
+        "base/test_order.py",
+    ),
     Fault(
         "base/matrix.py",
         "len(row) == 1",
@@ -94,7 +112,13 @@ FAULTS = (
         "lift in another metric",
         "base/test_lift.py",
     ),
-    Fault("base/lift.py", "base_values - b @ prior", "base_values", "lift with a prior", "base/test_lift.py"),
+    Fault(
+        "base/lift.py",
+        "base_values - b @ prior",
+        "base_values",
+        "lift with a prior",
+        "base/test_lift.py",
+    ),
     Fault(
         "exact/polynomial.py",
         "[0 if generator.startswith('cos(') else 1]",

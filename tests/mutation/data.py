@@ -8,7 +8,13 @@ GUESS = "logs/test_log_guess.py"
 LIMITS, SETUP = "inputs/test_documents.py", "identification/test_setup_files.py"
 
 FAULTS = (
-    Fault("inputs.py", "if found > self.most:", "if found > 2 * self.most:", "limits of what is read", LIMITS),
+    Fault(
+        "inputs.py",
+        "if found > self.most:",
+        "if found > 2 * self.most:",
+        "limits of what is read",
+        LIMITS,
+    ),
     Fault(
         "inputs.py",
         "if len(found) < len(pairs):",
@@ -23,7 +29,13 @@ FAULTS = (
         "keys that occur twice",
         "formats/test_description.py",
     ),
-    Fault("inputs.py", "DoctypeDeclHandler = refuse", "DoctypeDeclHandler = None", "document types in XML", LIMITS),
+    Fault(
+        "inputs.py",
+        "DoctypeDeclHandler = refuse",
+        "DoctypeDeclHandler = None",
+        "document types in XML",
+        LIMITS,
+    ),
     Fault(
         "inputs.py",
         "len(self._open), self._source",
@@ -66,8 +78,20 @@ FAULTS = (
         "angles of Pinocchio's frames",
         "formats/test_robot_sources.py",
     ),
-    Fault("logs/units.py", "degrees °': _PI / 180", "degrees °': _PI / 200", "degrees", UNITS),
-    Fault("logs/units.py", "sign = -1 if operator", "sign = 1 if operator", "quotients of units", UNITS),
+    Fault(
+        "logs/units.py",
+        "degrees °': _PI / 180",
+        "degrees °': _PI / 200",
+        "degrees",
+        UNITS,
+    ),
+    Fault(
+        "logs/units.py",
+        "sign = -1 if operator",
+        "sign = 1 if operator",
+        "quotients of units",
+        UNITS,
+    ),
     Fault(
         "logs/columns/conversion.py",
         "* values + channel.offset)",
@@ -117,7 +141,13 @@ FAULTS = (
         "how far a filter reaches",
         FILTERS,
     ),
-    Fault("signals/filters.py", "2.285 * 2 * np.pi", "2.285 * 4 * np.pi", "length of a filter", FILTERS),
+    Fault(
+        "signals/filters.py",
+        "2.285 * 2 * np.pi",
+        "2.285 * 4 * np.pi",
+        "length of a filter",
+        FILTERS,
+    ),
     Fault(
         "signals/filters.py",
         "first * self.step - half:",
@@ -125,7 +155,9 @@ FAULTS = (
         "a filter without delay",
         FILTERS,
     ),
-    Fault("signals/filters.py", "-205 / 72", "-206 / 72", "second derivatives", SIGNALS),
+    Fault(
+        "signals/filters.py", "-205 / 72", "-206 / 72", "second derivatives", SIGNALS
+    ),
     Fault(
         "signals/filters.py",
         "2 * second[:, 1:] - growth * omega",
@@ -133,7 +165,13 @@ FAULTS = (
         "angular accelerations of quaternions",
         SIGNALS,
     ),
-    Fault("signals/clock.py", "if off > _COARSE * median or", "if", "the period of coarse stamps", CLOCK),
+    Fault(
+        "signals/clock.py",
+        "if off > _COARSE * median or",
+        "if",
+        "the period of coarse stamps",
+        CLOCK,
+    ),
     Fault(
         "signals/clock.py",
         "(rest - m) / (k - m)",
@@ -155,8 +193,20 @@ FAULTS = (
         "a band that the model explains",
         "identification/test_band.py",
     ),
-    Fault("signals/spectrum.py", "step = 2 * np.sin(", "step = np.sin(", "power of positions", SIGNALS),
-    Fault("setup/setup.py", "{'n': i + 1, 'i': i", "{'n': i, 'i': i", "numbers in names of columns", SETUP),
+    Fault(
+        "signals/spectrum.py",
+        "step = 2 * np.sin(",
+        "step = np.sin(",
+        "power of positions",
+        SIGNALS,
+    ),
+    Fault(
+        "setup/setup.py",
+        "{'n': i + 1, 'i': i",
+        "{'n': i, 'i': i",
+        "numbers in names of columns",
+        SETUP,
+    ),
     Fault(
         "setup/setup.py",
         "{**known_values(mechanism), PI: math.pi}",
@@ -164,7 +214,13 @@ FAULTS = (
         "π in scales",
         f"{SETUP} identification/test_gains.py",
     ),
-    Fault("setup/setup.py", "f'log[{k}]' if many", "f'log[0]' if many", "which log an error is about", SETUP),
+    Fault(
+        "setup/setup.py",
+        "f'log[{k}]' if many",
+        "f'log[0]' if many",
+        "which log an error is about",
+        SETUP,
+    ),
     Fault(
         "setup/setup.py",
         "replace(options, usual_effects=True)",
@@ -179,7 +235,13 @@ FAULTS = (
         "triangle inequalities",
         "mechanism/test_impossible.py zoo/test_faults.py",
     ),
-    Fault("zoo/faults.py", "POINT if mass > _LIGHT", "POINT if mass < _LIGHT", "points of mass", "zoo/test_faults.py"),
+    Fault(
+        "zoo/faults.py",
+        "POINT if mass > _LIGHT",
+        "POINT if mass < _LIGHT",
+        "points of mass",
+        "zoo/test_faults.py",
+    ),
     Fault(
         "logs/columns/by_values.py",
         "near = np.abs(slopes[:, None] / _SCALES - 1) < NEAR",

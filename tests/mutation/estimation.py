@@ -2,13 +2,22 @@
 
 from mutation.fault import Fault
 
-ESTIMATORS, ROBUST = "identification/test_estimators.py", "identification/test_estimators_robust.py"
-PRIOR, VALIDATION = "identification/test_estimators_prior.py", "identification/test_validation.py"
+ESTIMATORS, ROBUST = (
+    "identification/test_estimators.py",
+    "identification/test_estimators_robust.py",
+)
+PRIOR, VALIDATION = (
+    "identification/test_estimators_prior.py",
+    "identification/test_validation.py",
+)
 FIT, PSEUDO = "identification/test_physics_fit.py", "inertia/test_spatial.py"
 GAINS, WEIGHT = "identification/test_gains.py", "identification/test_physics_weight.py"
 CRITERIA, GRADIENTS = "excite/test_criteria.py", "excite/test_excite_gradients.py"
 FAMILIES, MARGINS = "excite/test_families.py", "excite/test_verify.py"
-EFFORTS, AUDIT = "excite/test_state_limits.py", "claims/test_audit.py claims/test_audit_reading.py"
+EFFORTS, AUDIT = (
+    "excite/test_state_limits.py",
+    "claims/test_audit.py claims/test_audit_reading.py",
+)
 
 FAULTS = (
     Fault(
@@ -46,7 +55,13 @@ FAULTS = (
         "evidence",
         PRIOR,
     ),
-    Fault("identification/estimators/ridge.py", "misfit / free", "misfit / self.rows", "noise beside a prior", PRIOR),
+    Fault(
+        "identification/estimators/ridge.py",
+        "misfit / free",
+        "misfit / self.rows",
+        "noise beside a prior",
+        PRIOR,
+    ),
     Fault(
         "identification/estimators/covariance.py",
         "np.sqrt((count - 1) / count)",
@@ -75,7 +90,13 @@ FAULTS = (
         "choice of the prior's weight",
         WEIGHT,
     ),
-    Fault("identification/physics/fit.py", "+ r * variance", "+ variance", "misfit that a prior may add", WEIGHT),
+    Fault(
+        "identification/physics/fit.py",
+        "+ r * variance",
+        "+ variance",
+        "misfit that a prior may add",
+        WEIGHT,
+    ),
     Fault(
         "identification/scores.py",
         "mine * self.bias + its * other.bias",
@@ -111,8 +132,20 @@ FAULTS = (
         "noise of currents",
         GAINS,
     ),
-    Fault("identification/gains.py", "if low < 0 < high)", "if low < 0 and high < 0)", "gains that are unclear", GAINS),
-    Fault("excite/problem/information.py", "* (2 * weight)", "* weight", "derivative of the information", GRADIENTS),
+    Fault(
+        "identification/gains.py",
+        "if low < 0 < high)",
+        "if low < 0 and high < 0)",
+        "gains that are unclear",
+        GAINS,
+    ),
+    Fault(
+        "excite/problem/information.py",
+        "* (2 * weight)",
+        "* weight",
+        "derivative of the information",
+        GRADIENTS,
+    ),
     Fault(
         "excite/problem/information.py",
         "(vectors / values ** 2) @ vectors.T / trace",
@@ -121,7 +154,11 @@ FAULTS = (
         f"{CRITERIA} {GRADIENTS}",
     ),
     Fault(
-        "excite/problem/trajectory.py", "order * np.pi / 2", "order * np.pi", "derivatives of Fourier series", FAMILIES
+        "excite/problem/trajectory.py",
+        "order * np.pi / 2",
+        "order * np.pi",
+        "derivatives of Fourier series",
+        FAMILIES,
     ),
     Fault(
         "excite/problem/trajectory.py",
@@ -137,7 +174,13 @@ FAULTS = (
         "bounds of Fourier series",
         FAMILIES,
     ),
-    Fault("excite/verify.py", "h ** 2 / 2 *", "h ** 2 / 9 *", "Taylor's remainder", MARGINS),
+    Fault(
+        "excite/verify.py",
+        "h ** 2 / 2 *",
+        "h ** 2 / 9 *",
+        "Taylor's remainder",
+        MARGINS,
+    ),
     Fault(
         "excite/verify.py",
         "(trajectory.duration / count) ** 2 / 8",
@@ -166,7 +209,13 @@ FAULTS = (
         "lower half of a capsule",
         "excite/test_clearance.py excite/test_verify.py excite/test_clearance.py",
     ),
-    Fault("claims/compare.py", "max(_NOISE, 4 * tolerance)", "1.0", "rows that are independent", AUDIT),
+    Fault(
+        "claims/compare.py",
+        "max(_NOISE, 4 * tolerance)",
+        "1.0",
+        "rows that are independent",
+        AUDIT,
+    ),
     Fault(
         "claims/reading.py",
         "signed = value if sign > 0 else -value",
@@ -195,8 +244,20 @@ FAULTS = (
         "coefficients of zero",
         "results/test_independent_verifier.py results/test_serialize.py",
     ),
-    Fault("results/saved.py", "rel_tol=1e-09", "rel_tol=0.1", "forged values", "results/test_independent_verifier.py"),
-    Fault("results/saved.py", "or not same_text", "", "forged expressions", "results/test_independent_verifier.py"),
+    Fault(
+        "results/saved.py",
+        "rel_tol=1e-09",
+        "rel_tol=0.1",
+        "forged values",
+        "results/test_independent_verifier.py",
+    ),
+    Fault(
+        "results/saved.py",
+        "or not same_text",
+        "",
+        "forged expressions",
+        "results/test_independent_verifier.py",
+    ),
     Fault(
         "results/identified.py",
         "list(record.values) != list(base.pivots)",

@@ -14,7 +14,11 @@ FAULTS = (
         "exact/test_field.py::test_random_primes",
     ),
     Fault(
-        FIELD, "pow(3, power, p))", "pow(2, power, p))", "√3 is √2", "exact/test_field.py::test_roots_and_conjugates"
+        FIELD,
+        "pow(3, power, p))",
+        "pow(2, power, p))",
+        "√3 is √2",
+        "exact/test_field.py::test_roots_and_conjugates",
     ),
     Fault(
         FIELD,

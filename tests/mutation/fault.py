@@ -51,5 +51,7 @@ class Fault:
         printed = ast.unparse(ast.parse(text))
         count = printed.count(self.old)
         if count != 1 or self.old == self.new:
-            raise ValueError(f"{self.file}: {count} times {self.old!r}; bring the list up to date")
+            raise ValueError(
+                f"{self.file}: {count} times {self.old!r}; bring the list up to date"
+            )
         return printed.replace(self.old, self.new)

@@ -1,6 +1,16 @@
 """All faults."""
 
-from mutation import base, data, estimation, exact, formats, mechanism, numerics, program, regressor
+from mutation import (
+    base,
+    data,
+    estimation,
+    exact,
+    formats,
+    mechanism,
+    numerics,
+    program,
+    regressor,
+)
 from mutation.fault import Fault
 
 FAULTS: tuple[Fault, ...] = (

@@ -24,7 +24,13 @@ FAULTS = (
         "products of inertia",
         "formats/test_urdf.py::test_fixed_links_are_lumped_or_kept",
     ),
-    Fault(URDF, "'multiplier', '1'", "'multiplier', '-1'", "mimic without a multiplier", "formats/test_urdf.py"),
+    Fault(
+        URDF,
+        "'multiplier', '1'",
+        "'multiplier', '-1'",
+        "mimic without a multiplier",
+        "formats/test_urdf.py",
+    ),
     Fault(
         INERTIA,
         "cy * sp * sr - sy * cr",

@@ -21,8 +21,16 @@ FAULTS = (
         "order of turns",
         JOINTS,
     ),
-    Fault(JOINT, "merged.pop() @ step", "step @ merged.pop()", "order of fixed frames", JOINTS),
-    Fault(JOINT, ".angle', normal)", ".angle', first)", "axis of a planar joint", JOINTS),
+    Fault(
+        JOINT,
+        "merged.pop() @ step",
+        "step @ merged.pop()",
+        "order of fixed frames",
+        JOINTS,
+    ),
+    Fault(
+        JOINT, ".angle', normal)", ".angle', first)", "axis of a planar joint", JOINTS
+    ),
     Fault(
         JOINT,
         "Motion(MotionKind.SCREW, name, axis, sign, pitch)",

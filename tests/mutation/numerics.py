@@ -2,19 +2,53 @@
 
 from mutation.fault import Fault
 
-RECURSION, COMPOSITE, OPERATIONS = "dynamics/recursion.py", "dynamics/composite.py", "machine/operations_text.py"
+RECURSION, COMPOSITE, OPERATIONS = (
+    "dynamics/recursion.py",
+    "dynamics/composite.py",
+    "machine/operations_text.py",
+)
 DYNAMICS = "dynamics/test_dynamics.py dynamics/test_evaluation.py"
-TRIGONOMETRY, BATCHES = "machine/test_machine_operations.py", "machine/test_machine_batches.py"
-TRIANGLE, OBSERVE = "observe/test_observe_triangle.py", "observe/test_observe.py observe/test_observe_algebra.py"
+TRIGONOMETRY, BATCHES = (
+    "machine/test_machine_operations.py",
+    "machine/test_machine_batches.py",
+)
+TRIANGLE, OBSERVE = (
+    "observe/test_observe_triangle.py",
+    "observe/test_observe.py observe/test_observe_algebra.py",
+)
 CODE = "codegen/test_codegen.py codegen/test_codegen_text.py"
 CONVERT = "inertia/test_convert.py"
 
 FAULTS = (
-    Fault(RECURSION, "xy - dz, xz + dy]", "xy + dz, xz + dy]", "angular acceleration in the field", DYNAMICS),
-    Fault(RECURSION, "add(coriolis, coriolis)", "coriolis", "half of the Coriolis acceleration", DYNAMICS),
+    Fault(
+        RECURSION,
+        "xy - dz, xz + dy]",
+        "xy + dz, xz + dy]",
+        "angular acceleration in the field",
+        DYNAMICS,
+    ),
+    Fault(
+        RECURSION,
+        "add(coriolis, coriolis)",
+        "coriolis",
+        "half of the Coriolis acceleration",
+        DYNAMICS,
+    ),
     Fault(RECURSION, "(-gx, -gy, -gz)", "(-gx, -gy, gz)", "sense of gravity", DYNAMICS),
-    Fault(RECURSION, "add(moment, cross(step.shift, force))", "moment", "moments of forces at a distance", DYNAMICS),
-    Fault(RECURSION, "- u[i][k] * inertia[j, k]", "+ u[i][k] * inertia[j, k]", "products of inertia", DYNAMICS),
+    Fault(
+        RECURSION,
+        "add(moment, cross(step.shift, force))",
+        "moment",
+        "moments of forces at a distance",
+        DYNAMICS,
+    ),
+    Fault(
+        RECURSION,
+        "- u[i][k] * inertia[j, k]",
+        "+ u[i][k] * inertia[j, k]",
+        "products of inertia",
+        DYNAMICS,
+    ),
     Fault(
         COMPOSITE,
         "(first[i] + later) * shift[i] if i == j",
@@ -22,7 +56,13 @@ FAULTS = (
         "the square of the distance in a composite inertia",
         DYNAMICS,
     ),
-    Fault(COMPOSITE, "cross(angular, first))", "cross(first, angular))", "force of an angular acceleration", DYNAMICS),
+    Fault(
+        COMPOSITE,
+        "cross(angular, first))",
+        "cross(first, angular))",
+        "force of an angular acceleration",
+        DYNAMICS,
+    ),
     Fault(
         "dynamics/outputs.py",
         "(-along if k == axis",
@@ -37,8 +77,20 @@ FAULTS = (
         "origins of frames behind turned ones",
         "dynamics/test_kinematics.py",
     ),
-    Fault(OPERATIONS, "v.of_integer(62)", "v.of_integer(63)", "signs of sines in other quadrants", TRIGONOMETRY),
-    Fault(OPERATIONS, "v.of(LARGEST_ANGLE)", "v.of(1e300)", "sines of huge angles", TRIGONOMETRY),
+    Fault(
+        OPERATIONS,
+        "v.of_integer(62)",
+        "v.of_integer(63)",
+        "signs of sines in other quadrants",
+        TRIGONOMETRY,
+    ),
+    Fault(
+        OPERATIONS,
+        "v.of(LARGEST_ANGLE)",
+        "v.of(1e300)",
+        "sines of huge angles",
+        TRIGONOMETRY,
+    ),
     Fault(
         OPERATIONS,
         "{nonzero}, {v.type} {one}, {v.type} {a}",
@@ -60,7 +112,13 @@ FAULTS = (
         "columns with gaps",
         "machine/test_machine_arrays.py",
     ),
-    Fault("observe/triangle.py", "np.diagonal(R) < 0, -1.0", "np.diagonal(R) < 0, 1.0", "signs of R", TRIANGLE),
+    Fault(
+        "observe/triangle.py",
+        "np.diagonal(R) < 0, -1.0",
+        "np.diagonal(R) < 0, 1.0",
+        "signs of R",
+        TRIANGLE,
+    ),
     Fault(
         "observe/triangle.py",
         "max(self.rows, len(self.parameters))",
@@ -75,12 +133,38 @@ FAULTS = (
         "the number of a sample that is not finite",
         OBSERVE,
     ),
-    Fault("observe/observation.py", "/ safe[:, None] / safe)", "/ safe[:, None])", "normal equations", OBSERVE),
-    Fault("codegen/views.py", "_at_least(Binding.PRODUCT, b)", "b[0]", "a − (b + c)", CODE),
+    Fault(
+        "observe/observation.py",
+        "/ safe[:, None] / safe)",
+        "/ safe[:, None])",
+        "normal equations",
+        OBSERVE,
+    ),
+    Fault(
+        "codegen/views.py", "_at_least(Binding.PRODUCT, b)", "b[0]", "a − (b + c)", CODE
+    ),
     Fault("codegen/views.py", "_at_least(Binding.ATOM, b)", "b[0]", "a / (b·c)", CODE),
-    Fault("codegen/language.py", "Op.ABS: 'ca.fabs({x})'", "Op.ABS: 'ca.sign({x})'", "absolute values in CasADi", CODE),
-    Fault("codegen/views.py", "range(0, self.places, LANES)", "range(0, LANES, LANES)", "blocks of angles", CODE),
-    Fault("inertia.py", "(square - centre[..., :, None]", "(square + centre[..., :, None]", "Steiner", CONVERT),
+    Fault(
+        "codegen/language.py",
+        "Op.ABS: 'ca.fabs({x})'",
+        "Op.ABS: 'ca.sign({x})'",
+        "absolute values in CasADi",
+        CODE,
+    ),
+    Fault(
+        "codegen/views.py",
+        "range(0, self.places, LANES)",
+        "range(0, LANES, LANES)",
+        "blocks of angles",
+        CODE,
+    ),
+    Fault(
+        "inertia.py",
+        "(square - centre[..., :, None]",
+        "(square + centre[..., :, None]",
+        "Steiner",
+        CONVERT,
+    ),
     Fault(
         "inertia.py",
         "_M, _MX, _MY, _MZ, _XX, _XY, _YY, _XZ",
@@ -109,5 +193,11 @@ FAULTS = (
         "constants that are given",
         "base/test_linear_model.py",
     ),
-    Fault("models.py", "f'y{i + 1}'", "f'y{i}'", "names of outputs", "base/test_linear_model.py"),
+    Fault(
+        "models.py",
+        "f'y{i + 1}'",
+        "f'y{i}'",
+        "names of outputs",
+        "base/test_linear_model.py",
+    ),
 )

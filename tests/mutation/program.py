@@ -2,7 +2,11 @@
 
 from mutation.fault import Fault
 
-TAPE, SLOPES, BOUNDS = "program/tape.py", "program/derivatives.py", "program/intervals.py"
+TAPE, SLOPES, BOUNDS = (
+    "program/tape.py",
+    "program/derivatives.py",
+    "program/intervals.py",
+)
 REWRITING, SCHEDULE = "program/rewriting.py", "program/schedule.py"
 
 FAULTS = (
@@ -34,7 +38,13 @@ FAULTS = (
         "a − b with b recorded first",
         "program/test_tape.py::test_recording_keeps_the_value",
     ),
-    Fault("program/operations.py", "return value * sign", "return value", "|constant|", "program/test_tape.py"),
+    Fault(
+        "program/operations.py",
+        "return value * sign",
+        "return value",
+        "|constant|",
+        "program/test_tape.py",
+    ),
     Fault(
         SLOPES,
         "(b, -y * inverse)",

@@ -3,14 +3,22 @@
 from mutation.fault import Fault
 
 SPATIAL, ENERGY = "mechanism/steps.py", "regressor/linear_forms.py"
-POWER, PROBES, BALLS = "regressor/linear_forms.py", "mechanism/steps.py", "loops/closed_balls.py"
+POWER, PROBES, BALLS = (
+    "regressor/linear_forms.py",
+    "mechanism/steps.py",
+    "loops/closed_balls.py",
+)
 AXES, JOINTS = "mechanism/joint.py", "mechanism/test_joints.py"
 CLOSED = "regressor/test_closed_balls.py::test_states_are_closed"
 TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
 
 FAULTS = (
     Fault(
-        BALLS, "(-opening[rows, :, pose])", "(opening[rows, :, pose])", "velocities of dependent coordinates", CLOSED
+        BALLS,
+        "(-opening[rows, :, pose])",
+        "(opening[rows, :, pose])",
+        "velocities of dependent coordinates",
+        CLOSED,
     ),
     Fault(
         BALLS,
@@ -19,7 +27,13 @@ FAULTS = (
         "accelerations of dependent coordinates",
         CLOSED,
     ),
-    Fault(SPATIAL, "a[2] * b[0] - a[0] * b[2]", "a[0] * b[2] - a[2] * b[0]", "cross products", JOINTS),
+    Fault(
+        SPATIAL,
+        "a[2] * b[0] - a[0] * b[2]",
+        "a[0] * b[2] - a[2] * b[0]",
+        "cross products",
+        JOINTS,
+    ),
     Fault(
         "mechanism/joint.py",
         "((a, d, g), (b, e, h), (c, f, i))",
@@ -27,11 +41,35 @@ FAULTS = (
         "no transpose",
         JOINTS,
     ),
-    Fault(POWER, "add(add(coriolis, coriolis), ", "add(coriolis, ", "half of Coriolis's acceleration", JOINTS),
-    Fault(POWER, "cross(before, turning)", "cross(turning, before)", "gyroscopic acceleration", JOINTS),
+    Fault(
+        POWER,
+        "add(add(coriolis, coriolis), ",
+        "add(coriolis, ",
+        "half of Coriolis's acceleration",
+        JOINTS,
+    ),
+    Fault(
+        POWER,
+        "cross(before, turning)",
+        "cross(turning, before)",
+        "gyroscopic acceleration",
+        JOINTS,
+    ),
     Fault(POWER, "(-gx, -gy, -gz)", "(gx, gy, gz)", "gravity upside down", JOINTS),
-    Fault(POWER, "cross(unit, at.linear)", "cross(at.linear, unit)", "moment of a first moment", JOINTS),
-    Fault(POWER, "cross(at.angular, momentum)", "cross(momentum, at.angular)", "ω × I ω", JOINTS),
+    Fault(
+        POWER,
+        "cross(unit, at.linear)",
+        "cross(at.linear, unit)",
+        "moment of a first moment",
+        JOINTS,
+    ),
+    Fault(
+        POWER,
+        "cross(at.angular, momentum)",
+        "cross(momentum, at.angular)",
+        "ω × I ω",
+        JOINTS,
+    ),
     Fault(
         ENERGY,
         "lift = lift - dot",
@@ -74,7 +112,13 @@ FAULTS = (
         "which sensors see friction",
         "mechanism/test_effects.py::test_effects_in_the_drive_act_through_the_transmission",
     ),
-    Fault(POWER, "+ dot(twist[1], wrench[1])", "- dot(twist[1], wrench[1])", "power of forces", JOINTS),
+    Fault(
+        POWER,
+        "+ dot(twist[1], wrench[1])",
+        "- dot(twist[1], wrench[1])",
+        "power of forces",
+        JOINTS,
+    ),
     Fault(
         "regressor/linear_forms.py",
         "in enumerate(kept)}",
@@ -97,5 +141,11 @@ FAULTS = (
         "base/test_sensors.py::test_force_and_torque_sensors_agree_with_mujoco",
     ),
     Fault("mechanism/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
-    Fault("mechanism/steps.py", "position.sin() * motion.sign)", "position.sin())", "sense of a hinge", JOINTS),
+    Fault(
+        "mechanism/steps.py",
+        "position.sin() * motion.sign)",
+        "position.sin())",
+        "sense of a hinge",
+        JOINTS,
+    ),
 )

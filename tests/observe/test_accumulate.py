@@ -19,7 +19,9 @@ def states(base: ec.BaseModel, count: int, rng: np.random.Generator) -> Log:
     if mechanism.closures:
         motion = Assembly(mechanism).random_closed_states(rng, count)
     else:
-        motion = tuple(rng.uniform(-2, 2, (count, len(mechanism.velocities))) for _ in range(3))
+        motion = tuple(
+            rng.uniform(-2, 2, (count, len(mechanism.velocities))) for _ in range(3)
+        )
     return dict(zip(("q", "qd", "qdd"), motion, strict=True))
 
 
@@ -30,12 +32,16 @@ def noisy_log(base: ec.BaseModel, count: int, seed: int = 0) -> Log:
     return log | {"y": exact + 0.01 * rng.normal(size=exact.shape)}
 
 
-@pytest.fixture(scope="module", params=["panda.yaml", "tx40.yaml", "loops/four_bar.yaml"])
+@pytest.fixture(
+    scope="module", params=["panda.yaml", "tx40.yaml", "loops/four_bar.yaml"]
+)
 def base(request: pytest.FixtureRequest) -> ec.BaseModel:
     return ec.base_parameters(ec.load(EXAMPLES / request.param))
 
 
-def stacked(base: ec.BaseModel, log: Log, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def stacked(
+    base: ec.BaseModel, log: Log, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     W = base.regressor(log["q"], log["qd"], log["qdd"]) * weights[:, None]
     return W.reshape(-1, base.rank), (log["y"] * weights).ravel()
 
@@ -50,23 +56,40 @@ def test_agrees_with_the_matrix(base: ec.BaseModel) -> None:
     assert rank == base.rank == whole.rank
     scale = np.abs(expected).max() * whole.scaled_condition
     np.testing.assert_allclose(whole.solve(), expected, rtol=0, atol=1e-13 * scale)
-    np.testing.assert_allclose(whole.residual, np.linalg.norm(W @ expected - y), rtol=1e-10)
+    np.testing.assert_allclose(
+        whole.residual, np.linalg.norm(W @ expected - y), rtol=1e-10
+    )
     np.testing.assert_allclose(whole.scales, np.linalg.norm(W, axis=0), rtol=1e-12)
-    np.testing.assert_allclose(whole.R.T @ whole.R, W.T @ W, rtol=0, atol=1e-12 * np.abs(W.T @ W).max())
+    np.testing.assert_allclose(
+        whole.R.T @ whole.R, W.T @ W, rtol=0, atol=1e-12 * np.abs(W.T @ W).max()
+    )
     gram, moment, square = base.normal_equations(log).combined(weights)
     np.testing.assert_allclose(gram, W.T @ W, rtol=0, atol=1e-12 * np.abs(gram).max())
-    np.testing.assert_allclose(moment, W.T @ y, rtol=0, atol=1e-12 * np.abs(moment).max())
+    np.testing.assert_allclose(
+        moment, W.T @ y, rtol=0, atol=1e-12 * np.abs(moment).max()
+    )
     np.testing.assert_allclose(square, y @ y, rtol=1e-12)
 
 
 def test_pieces_logs_and_threads(base: ec.BaseModel) -> None:
     log = noisy_log(base, 500)
     whole = base.accumulate(log, block=128)
-    pieces = [{name: value[k : k + 90] for name, value in log.items()} for k in range(0, 500, 90)]
-    for other in (base.accumulate(iter(pieces), block=128), base.accumulate(log, block=128, threads=1)):
-        assert all(np.array_equal(a, b) for a, b in zip(whole.factors, other.factors, strict=True))
+    pieces = [
+        {name: value[k : k + 90] for name, value in log.items()}
+        for k in range(0, 500, 90)
+    ]
+    for other in (
+        base.accumulate(iter(pieces), block=128),
+        base.accumulate(log, block=128, threads=1),
+    ):
+        assert all(
+            np.array_equal(a, b)
+            for a, b in zip(whole.factors, other.factors, strict=True)
+        )
     merged = base.accumulate(pieces[:2]) + base.accumulate(pieces[2:])
-    np.testing.assert_allclose(merged.combined().solve(), whole.combined().solve(), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        merged.combined().solve(), whole.combined().solve(), rtol=0, atol=1e-8
+    )
     assert merged.samples == whole.samples == 500
 
 

@@ -51,8 +51,12 @@ def test_r_factor_of_lapack(lanes: int) -> None:
     A, b = stacked(W, y)
     Q, R = np.linalg.qr(A)
     signs = np.sign(np.diagonal(R))
-    np.testing.assert_allclose(found.R, signs[:, None] * R, atol=1e-12 * np.abs(R).max())
-    np.testing.assert_allclose(found.qty, signs * (Q.T @ b), atol=1e-12 * np.linalg.norm(b))
+    np.testing.assert_allclose(
+        found.R, signs[:, None] * R, atol=1e-12 * np.abs(R).max()
+    )
+    np.testing.assert_allclose(
+        found.qty, signs * (Q.T @ b), atol=1e-12 * np.linalg.norm(b)
+    )
 
 
 def test_weights_are_those_of_rows(serial: Observer) -> None:
@@ -60,8 +64,12 @@ def test_weights_are_those_of_rows(serial: Observer) -> None:
     weights = np.array([1.0, 0.25, 3.0])
     found = serial(data_of(W, y, SERIAL)).combined(weights)
     A, b = stacked(W * weights[:, None], y * weights)
-    np.testing.assert_allclose(found.solve(), np.linalg.lstsq(A, b, rcond=None)[0], rtol=1e-12)
-    assert found.residual == pytest.approx(np.linalg.norm(A @ found.solve() - b), rel=1e-12)
+    np.testing.assert_allclose(
+        found.solve(), np.linalg.lstsq(A, b, rcond=None)[0], rtol=1e-12
+    )
+    assert found.residual == pytest.approx(
+        np.linalg.norm(A @ found.solve() - b), rel=1e-12
+    )
 
 
 def test_ill_conditioned_data_keep_their_digits() -> None:
@@ -69,7 +77,9 @@ def test_ill_conditioned_data_keep_their_digits() -> None:
     ε, exact = 1e-9, np.array([1.0, -2.0, 3.0])
     rng = np.random.default_rng(3)
     pattern = np.ones((1, 3), dtype=bool)
-    W = rng.standard_normal((4000, 1, 1)) * np.ones(3) + ε * rng.standard_normal((4000, 1, 3))
+    W = rng.standard_normal((4000, 1, 1)) * np.ones(3) + ε * rng.standard_normal(
+        (4000, 1, 3)
+    )
     data = data_of(W, W @ exact, pattern)
     watch = observer(pattern)
     found = watch(data, block=480).combined()
@@ -90,7 +100,9 @@ def test_threads_and_pieces_change_no_bit(serial: Observer) -> None:
     others = [watch(data, block=240, threads=threads) for threads in (1, 2, 4)]
     for cuts in ([100], [240, 480], [1, 2, 3, 500, 2502], list(range(7, 2503, 7))):
         edges = [0, *cuts, 2503]
-        pieces = ({name: a[i:j] for name, a in data.items()} for i, j in pairwise(edges))
+        pieces = (
+            {name: a[i:j] for name, a in data.items()} for i, j in pairwise(edges)
+        )
         others.append(watch(pieces, block=240, threads=2))
     for other in others:
         assert other.samples == 2503
@@ -119,7 +131,11 @@ def test_strided_and_integer_arrays(serial: Observer) -> None:
     x = rng.integers(-5, 5, (300, 2 * SERIAL.sum()))
     y = rng.standard_normal((300, 3))
     plain = {"x": x[:, ::2].astype(float).copy(), "y": y}
-    for R, same in zip(serial(plain).factors, serial({"x": x[:, ::2], "y": y[:, :]}).factors, strict=True):
+    for R, same in zip(
+        serial(plain).factors,
+        serial({"x": x[:, ::2], "y": y[:, :]}).factors,
+        strict=True,
+    ):
         np.testing.assert_array_equal(R, same)
 
 
@@ -157,18 +173,27 @@ def test_normal_equations(serial: Observer) -> None:
     np.testing.assert_allclose(gram, A.T @ A, atol=1e-11)
     np.testing.assert_allclose(moment, A.T @ b, atol=1e-11)
     assert square == pytest.approx(b @ b)
-    np.testing.assert_allclose(found.solve(weights), watch(data).combined(weights).solve(), rtol=1e-9)
-    halves = [{name: a[part] for name, a in data.items()} for part in (slice(400), slice(400, None))]
+    np.testing.assert_allclose(
+        found.solve(weights), watch(data).combined(weights).solve(), rtol=1e-9
+    )
+    halves = [
+        {name: a[part] for name, a in data.items()}
+        for part in (slice(400), slice(400, None))
+    ]
     both = watch.normal_equations(halves[0]) + watch.normal_equations(halves[1])
     assert both.samples == 1000
-    np.testing.assert_allclose(both.combined()[0], found.combined()[0], rtol=1e-12, atol=1e-11)
+    np.testing.assert_allclose(
+        both.combined()[0], found.combined()[0], rtol=1e-12, atol=1e-11
+    )
 
 
 # -- what is refused -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-@pytest.mark.parametrize(("name", "column", "label"), [("x", 4, "0,4"), ("y", 1, "joint2")])
+@pytest.mark.parametrize(
+    ("name", "column", "label"), [("x", 4, "0,4"), ("y", 1, "joint2")]
+)
 def test_the_first_value_that_is_not_finite_is_named(
     serial: Observer, threads: int, name: str, column: int, label: str
 ) -> None:
@@ -187,7 +212,9 @@ def test_values_too_large(serial: Observer) -> None:
     W, _, y = random_problem(np.random.default_rng(10), 50, SERIAL)
     with pytest.raises(InputError, match=r"not finite, or too large.* from 0 to 49"):
         serial.normal_equations(data_of(W * 1e300, y, SERIAL))
-    whole, huge = (serial(data_of(W * scale, y, SERIAL)).combined() for scale in (1.0, 1e300))
+    whole, huge = (
+        serial(data_of(W * scale, y, SERIAL)).combined() for scale in (1.0, 1e300)
+    )
     np.testing.assert_allclose(huge.solve() * 1e300, whole.solve(), rtol=1e-9)
 
 
@@ -207,7 +234,11 @@ def test_arrays_that_do_not_fit(serial: Observer, change: Any, message: str) -> 
 
 
 def test_uniform_arguments() -> None:
-    watch = Observer(function(lambda x, p: {(0, 0): x[0] * p[0], (0, 1): p[0]}, {"x": 1}, {"p": 1}, (1, 2)))
+    watch = Observer(
+        function(
+            lambda x, p: {(0, 0): x[0] * p[0], (0, 1): p[0]}, {"x": 1}, {"p": 1}, (1, 2)
+        )
+    )
     x = np.linspace(-1, 1, 50)[:, None]
     data = {"x": x, "y": 3 * x - 2, "p": [0.5]}
     np.testing.assert_allclose(watch(data).combined().solve(), [6, -4], rtol=1e-13)
@@ -236,14 +267,25 @@ def test_names_are_checked() -> None:
 # -- properties ------------------------------------------------------------------------------------------------------
 
 
-@given(seed=st.integers(0, 10**6), samples=st.integers(9, 400), block=st.sampled_from([120, 240, 10**6]))
-def test_scaling_parameters_scales_columns(serial: Observer, seed: int, samples: int, block: int) -> None:
+@given(
+    seed=st.integers(0, 10**6),
+    samples=st.integers(9, 400),
+    block=st.sampled_from([120, 240, 10**6]),
+)
+def test_scaling_parameters_scales_columns(
+    serial: Observer, seed: int, samples: int, block: int
+) -> None:
     rng = np.random.default_rng(seed)
     W, _, y = random_problem(rng, samples, SERIAL)
     powers = 2.0 ** rng.integers(-60, 60, 9)
     plain = serial(data_of(W, y, SERIAL), block=block).combined()
     scaled = serial(data_of(W * powers, y, SERIAL), block=block).combined()
-    np.testing.assert_allclose(scaled.R, plain.R * powers, rtol=1e-9, atol=1e-12 * (plain.scales * powers).max())
+    np.testing.assert_allclose(
+        scaled.R,
+        plain.R * powers,
+        rtol=1e-9,
+        atol=1e-12 * (plain.scales * powers).max(),
+    )
     np.testing.assert_allclose(scaled.solve() * powers, plain.solve(), rtol=1e-8)
     assert scaled.scaled_condition == pytest.approx(plain.scaled_condition, rel=1e-9)
 

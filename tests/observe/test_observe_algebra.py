@@ -31,11 +31,16 @@ def assert_close(first: Observation, second: Observation) -> None:
         np.testing.assert_allclose(R, other, atol=1e-12 * np.abs(R).max())
 
 
-@given(seeds=st.tuples(*[st.integers(0, 1000)] * 3), samples=st.tuples(*[st.integers(10, 60)] * 3))
+@given(
+    seeds=st.tuples(*[st.integers(0, 1000)] * 3),
+    samples=st.tuples(*[st.integers(10, 60)] * 3),
+)
 def test_merging_is_associative_and_commutative(
     watch: Observer, seeds: tuple[int, int, int], samples: tuple[int, int, int]
 ) -> None:
-    a, b, c = (observed(watch, seed, count) for seed, count in zip(seeds, samples, strict=True))
+    a, b, c = (
+        observed(watch, seed, count) for seed, count in zip(seeds, samples, strict=True)
+    )
     assert_close((a + b) + c, a + (b + c))
     assert_close(a + b, b + a)
 
@@ -43,7 +48,10 @@ def test_merging_is_associative_and_commutative(
 def test_merging_is_observing_both(watch: Observer) -> None:
     W, _, y = random_problem(np.random.default_rng(1), 90, SERIAL)
     data = data_of(W, y, SERIAL)
-    halves = [watch({name: a[part] for name, a in data.items()}) for part in (slice(31), slice(31, None))]
+    halves = [
+        watch({name: a[part] for name, a in data.items()})
+        for part in (slice(31), slice(31, None))
+    ]
     assert_close(halves[0] + halves[1], watch(data))
 
 
@@ -67,7 +75,9 @@ def test_triangles_are_canonical(watch: Observer) -> None:
 def test_outputs_can_be_left_out(watch: Observer) -> None:
     W, _, y = random_problem(np.random.default_rng(5), 80, SERIAL)
     found = watch(data_of(W, y, SERIAL)).combined([1, 0, 0])
-    np.testing.assert_allclose(found.solve(), np.linalg.lstsq(W[:, 0], y[:, 0], rcond=None)[0], rtol=1e-11)
+    np.testing.assert_allclose(
+        found.solve(), np.linalg.lstsq(W[:, 0], y[:, 0], rcond=None)[0], rtol=1e-11
+    )
     assert found.rows == 80
 
 
@@ -82,14 +92,22 @@ def test_residuals_of_single_outputs(watch: Observer) -> None:
 def test_misfits_of_given_parameters(watch: Observer) -> None:
     W, parameters, y = random_problem(np.random.default_rng(14), 80, SERIAL)
     found = watch(data_of(W, y, SERIAL))
-    np.testing.assert_allclose(found.misfits(parameters), np.linalg.norm(W @ parameters - y, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(
+        found.misfits(parameters),
+        np.linalg.norm(W @ parameters - y, axis=0),
+        rtol=1e-12,
+    )
     whole = found.combined()
-    assert np.linalg.norm(found.misfits(whole.solve())) == pytest.approx(whole.residual, rel=1e-12)
+    assert np.linalg.norm(found.misfits(whole.solve())) == pytest.approx(
+        whole.residual, rel=1e-12
+    )
     with pytest.raises(InputError, match="expected 9 parameters"):
         found.misfits([1.0])
 
 
-@pytest.mark.parametrize("weights", [[1, 2], [1, -1, 1], [1, np.nan, 1], np.ones((3, 1))])
+@pytest.mark.parametrize(
+    "weights", [[1, 2], [1, -1, 1], [1, np.nan, 1], np.ones((3, 1))]
+)
 def test_weights_that_make_no_sense(watch: Observer, weights: Any) -> None:
     with pytest.raises(InputError, match="weights"):
         observed(watch, 7).combined(weights)
@@ -100,7 +118,11 @@ def test_selection(watch: Observer) -> None:
     keep = [7, 0, 4, 3]
     found = watch(data_of(W, y, SERIAL)).select(keep)
     A = W[:, :, keep].reshape(-1, 4)
-    np.testing.assert_allclose(found.combined().solve(), np.linalg.lstsq(A, y.ravel(), rcond=None)[0], rtol=1e-11)
+    np.testing.assert_allclose(
+        found.combined().solve(),
+        np.linalg.lstsq(A, y.ravel(), rcond=None)[0],
+        rtol=1e-11,
+    )
     assert found.layout.parameters == ("p8", "p1", "p5", "p4")
 
 
@@ -115,7 +137,10 @@ def test_parameters_left_open_are_named(watch: Observer) -> None:
     W[:, :, 6] = 2 * W[:, :, 5]
     found = watch(data_of(W, y, SERIAL)).combined()
     assert found.rank == 8
-    with pytest.raises(InputError, match="8 of 9 parameters; those they leave open involve p6, p7: excite"):
+    with pytest.raises(
+        InputError,
+        match="8 of 9 parameters; those they leave open involve p6, p7: excite",
+    ):
         found.solve()
 
 

@@ -18,15 +18,22 @@ def test_least_squares_of_robots(name: str) -> None:
     function = regressor(base.mechanism, base.matrix.pivots)
     rng = np.random.default_rng(1)
     samples = 700
-    data = {a.name: rng.uniform(0.3, 2, len(a) if a.uniform else (samples, len(a))) for a in function.arguments}
+    data = {
+        a.name: rng.uniform(0.3, 2, len(a) if a.uniform else (samples, len(a)))
+        for a in function.arguments
+    }
     W = Kernel(function)(data)
-    data["y"] = W @ rng.standard_normal(base.rank) + 0.1 * rng.standard_normal(W.shape[:2])
+    data["y"] = W @ rng.standard_normal(base.rank) + 0.1 * rng.standard_normal(
+        W.shape[:2]
+    )
     found = Observer(function)(data, block=200)
     whole = found.combined()
     A, b = W.reshape(-1, base.rank), data["y"].ravel()
     expected = np.linalg.lstsq(A, b, rcond=None)[0]
     assert whole.rank == base.rank
-    np.testing.assert_allclose(whole.solve(), expected, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        whole.solve(), expected, atol=1e-11 * np.abs(expected).max()
+    )
     assert whole.residual == pytest.approx(np.linalg.norm(A @ expected - b), rel=1e-11)
     np.testing.assert_allclose(whole.scales, np.linalg.norm(A, axis=0), rtol=1e-12)
     assert len(set(found.layout.sizes)) > 1  # not every output sees every parameter

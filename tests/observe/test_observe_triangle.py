@@ -25,9 +25,13 @@ def in_blocks(rows: Floats) -> Floats:
 
 def distance(R: Floats, rows: Floats) -> Floats:
     """How far R is from the R-factor of rows, relative to each column's norm."""
-    expected = np.linalg.qr(np.vstack([rows, np.zeros((R.shape[1], R.shape[1]))]), mode="r")
+    expected = np.linalg.qr(
+        np.vstack([rows, np.zeros((R.shape[1], R.shape[1]))]), mode="r"
+    )
     norms = np.linalg.norm(rows, axis=0)
-    return np.abs(np.abs(R) - np.abs(expected)).max(axis=0) / np.where(norms == 0, 1, norms)
+    return np.abs(np.abs(R) - np.abs(expected)).max(axis=0) / np.where(
+        norms == 0, 1, norms
+    )
 
 
 @pytest.mark.parametrize("size", [*range(1, 26), 37, 64])
@@ -65,7 +69,9 @@ def test_dependent_columns_leave_nothing_behind() -> None:
     rows = rng.standard_normal((96, 3)) @ rng.standard_normal((3, 13)) * 1e-130
     R = in_blocks(rows)
     assert np.abs(R[3:]).max() < 1e-14 * np.abs(R).max()
-    np.testing.assert_allclose(np.linalg.norm(R, axis=0), np.linalg.norm(rows, axis=0), rtol=1e-13)
+    np.testing.assert_allclose(
+        np.linalg.norm(R, axis=0), np.linalg.norm(rows, axis=0), rtol=1e-13
+    )
 
 
 def test_zero_columns() -> None:
@@ -93,7 +99,9 @@ def test_reflectors_keep_lengths_where_columns_almost_agree() -> None:
     rows[:, 1] = rows[:, 0] + 1e-9 * rng.standard_normal(240)
     rows[:, 6] = rows[:, 4] - rows[:, 5] + 1e-9 * rng.standard_normal(240)
     R = in_blocks(rows)
-    np.testing.assert_allclose(np.linalg.norm(R, axis=0), np.linalg.norm(rows, axis=0), rtol=1e-14)
+    np.testing.assert_allclose(
+        np.linalg.norm(R, axis=0), np.linalg.norm(rows, axis=0), rtol=1e-14
+    )
     assert abs(abs(R[1, 1]) / abs(np.linalg.qr(rows, mode="r")[1, 1]) - 1) < 1e-5
 
 
@@ -104,7 +112,11 @@ def test_parts_of_any_length(count: int) -> None:
     assert (np.diagonal(whole) >= 0).all()
     assert not np.signbit(np.tril(whole, -1)).any()
     for cut in (0, count // 3, count):
-        np.testing.assert_allclose(upper_triangle(rows[:cut], rows[cut:]), whole, atol=1e-12 * np.abs(whole).max())
+        np.testing.assert_allclose(
+            upper_triangle(rows[:cut], rows[cut:]),
+            whole,
+            atol=1e-12 * np.abs(whole).max(),
+        )
     np.testing.assert_array_equal(upper_triangle(rows[:0]), np.zeros((6, 6)))
 
 
@@ -116,4 +128,6 @@ def test_columns_that_all_but_vanish(exponent: int) -> None:
     rows[:, 3] = 10.0 ** (exponent * np.random.default_rng(5).uniform(0.5, 1, 900))
     R = upper_triangle(rows)
     assert np.isfinite(R).all()
-    np.testing.assert_allclose((R.T @ R)[::2, ::2], (rows.T @ rows)[::2, ::2], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        (R.T @ R)[::2, ::2], (rows.T @ rows)[::2, ::2], rtol=0, atol=1e-10
+    )

@@ -29,7 +29,9 @@ _LEAVES = st.sampled_from(NAMES) | st.fractions(-4, 4, max_denominator=8)
 
 
 def _inner(part: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
-    return st.tuples(st.sampled_from(BINARY), part, part) | st.tuples(st.sampled_from(FUNCTIONS), part)
+    return st.tuples(st.sampled_from(BINARY), part, part) | st.tuples(
+        st.sampled_from(FUNCTIONS), part
+    )
 
 
 FORMULAS = st.recursive(_LEAVES, _inner, max_leaves=8)
@@ -47,14 +49,21 @@ def recorded(program: Program, formula: Any) -> Scalar:
     try:
         if len(parts) == 1:
             return program.function(formula[0], parts[0])
-        return Scalar(program, getattr(program, formula[0])(parts[0].node, parts[1].node))
+        return Scalar(
+            program, getattr(program, formula[0])(parts[0].node, parts[1].node)
+        )
     except (InputError, ZeroDivisionError):
         assume(False)
         raise
 
 
-def enclosed(program: Program, output: int, ranges: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    inputs = {program.input(name).node: (np.array(low), np.array(high)) for name, (low, high) in ranges.items()}
+def enclosed(
+    program: Program, output: int, ranges: Mapping[str, tuple[float, float]]
+) -> tuple[float, float]:
+    inputs = {
+        program.input(name).node: (np.array(low), np.array(high))
+        for name, (low, high) in ranges.items()
+    }
     ((low, high),) = interval_values(program, [output], inputs)
     return float(low), float(high)
 
@@ -63,8 +72,15 @@ def enclosed(program: Program, output: int, ranges: Mapping[str, tuple[float, fl
 
 
 @settings(max_examples=300, deadline=None)
-@given(FORMULAS, RANGES, RANGES, st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=4, max_size=4))
-def test_enclosures_hold(formula: Any, x: tuple[float, float], y: tuple[float, float], places: Any) -> None:
+@given(
+    FORMULAS,
+    RANGES,
+    RANGES,
+    st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=4, max_size=4),
+)
+def test_enclosures_hold(
+    formula: Any, x: tuple[float, float], y: tuple[float, float], places: Any
+) -> None:
     program = Program()
     node = recorded(program, formula).node
     low, high = enclosed(program, node, {"x": x, "y": y})
@@ -77,9 +93,16 @@ def test_enclosures_hold(formula: Any, x: tuple[float, float], y: tuple[float, f
 
 @pytest.mark.parametrize(
     ("function", "x", "expected"),
-    [("sin", (0.5, 2.0), 1.0), ("sin", (-2.0, -1.0), -1.0), ("cos", (-0.5, 0.7), 1.0), ("cos", (3.0, 3.5), -1.0)],
+    [
+        ("sin", (0.5, 2.0), 1.0),
+        ("sin", (-2.0, -1.0), -1.0),
+        ("cos", (-0.5, 0.7), 1.0),
+        ("cos", (3.0, 3.5), -1.0),
+    ],
 )
-def test_waves_reach_their_extremes_between_the_ends(function: str, x: tuple[float, float], expected: float) -> None:
+def test_waves_reach_their_extremes_between_the_ends(
+    function: str, x: tuple[float, float], expected: float
+) -> None:
     program = Program()
     node = getattr(program.input("x"), function)().node
     low, high = enclosed(program, node, {"x": x})
@@ -99,7 +122,10 @@ def test_points_are_exact_up_to_rounding(formula: Any, x: float, y: float) -> No
     value = truth(program, node, {"x": x, "y": y})
     assume(value is not None)
     # how much fifty digits change when the inputs change by 1e-13 says how ill-conditioned it is
-    moved = [truth(program, node, {"x": x * (1 + a), "y": y * (1 + b)}) for a, b in ((1e-13, -1e-13), (-1e-13, 1e-13))]
+    moved = [
+        truth(program, node, {"x": x * (1 + a), "y": y * (1 + b)})
+        for a, b in ((1e-13, -1e-13), (-1e-13, 1e-13))
+    ]
     assume(all(v is not None for v in moved))
     assume(not program.needed([node]) or _tame(program, node, {"x": x, "y": y}))
     low, high = enclosed(program, node, {"x": (x, x), "y": (y, y)})
@@ -115,7 +141,10 @@ def _tame(program: Program, output: int, point: Mapping[str, float]) -> bool:
             return False
         op, a = Op(program.ops[node]), program.lhs[node]
         divisor = program.rhs[node] if op is Op.DIV else a
-        if op in (Op.DIV, Op.LOG, Op.SQRT, Op.SIGN) and abs(truth(program, divisor, point)) < 1e-2:
+        if (
+            op in (Op.DIV, Op.LOG, Op.SQRT, Op.SIGN)
+            and abs(truth(program, divisor, point)) < 1e-2
+        ):
             return False
         if op is Op.TAN and abs(mpmath.cos(truth(program, a, point))) < 1e-2:
             return False
@@ -125,17 +154,27 @@ def _tame(program: Program, output: int, point: Mapping[str, float]) -> bool:
 @settings(max_examples=200, deadline=None)
 @given(FORMULAS, RANGES, RANGES, st.tuples(*[st.floats(0, 1)] * 4))
 def test_narrower_inputs_give_narrower_enclosures(
-    formula: Any, x: tuple[float, float], y: tuple[float, float], ends: tuple[float, float, float, float]
+    formula: Any,
+    x: tuple[float, float],
+    y: tuple[float, float],
+    ends: tuple[float, float, float, float],
 ) -> None:
     program = Program()
     node = recorded(program, formula).node
     inner = {
         name: tuple(sorted((_between(whole, a), _between(whole, b))))
-        for name, whole, a, b in (("x", x, ends[0], ends[1]), ("y", y, ends[2], ends[3]))
+        for name, whole, a, b in (
+            ("x", x, ends[0], ends[1]),
+            ("y", y, ends[2], ends[3]),
+        )
     }
     low, high = enclosed(program, node, {"x": x, "y": y})
     least, largest = enclosed(program, node, inner)  # type: ignore[arg-type]
-    slack = 1e-11 * max(1.0, abs(low) if math.isfinite(low) else 1.0, abs(high) if math.isfinite(high) else 1.0)
+    slack = 1e-11 * max(
+        1.0,
+        abs(low) if math.isfinite(low) else 1.0,
+        abs(high) if math.isfinite(high) else 1.0,
+    )
     assert least >= low - slack
     assert largest <= high + slack
 
@@ -163,11 +202,19 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("op", "given", "expected"), CASES, ids=lambda v: v.name if isinstance(v, Op) else str(v))
-def test_functions(op: Op, given: tuple[float, float], expected: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("op", "given", "expected"),
+    CASES,
+    ids=lambda v: v.name if isinstance(v, Op) else str(v),
+)
+def test_functions(
+    op: Op, given: tuple[float, float], expected: tuple[float, float]
+) -> None:
     program = Program()
     node = program.function(op, program.input("x")).node
-    np.testing.assert_allclose(enclosed(program, node, {"x": given}), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        enclosed(program, node, {"x": given}), expected, rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -183,7 +230,9 @@ def test_functions(op: Op, given: tuple[float, float], expected: tuple[float, fl
 def test_divisions(divisor: tuple[float, float], expected: tuple[float, float]) -> None:
     program = Program()
     node = (program.input("x") / program.input("y")).node
-    np.testing.assert_allclose(enclosed(program, node, {"x": (1.0, 2.0), "y": divisor}), expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        enclosed(program, node, {"x": (1.0, 2.0), "y": divisor}), expected, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("x", [200.3, 1e4, -54321.5])
@@ -200,7 +249,9 @@ def test_poles_between_neighbouring_numbers() -> None:
     """π/2 lies between two numbers, and its tangent is everything."""
     program = Program()
     node = program.function(Op.TAN, program.input("x")).node
-    low, high = enclosed(program, node, {"x": (math.pi / 2, float(np.nextafter(math.pi / 2, 2)))})
+    low, high = enclosed(
+        program, node, {"x": (math.pi / 2, float(np.nextafter(math.pi / 2, 2)))}
+    )
     assert (low, high) == (-math.inf, math.inf)
 
 
@@ -221,27 +272,36 @@ def test_beyond_the_largest_number() -> None:
 def test_squares_are_not_negative() -> None:
     program = Program()
     x = program.input("x")
-    np.testing.assert_allclose(enclosed(program, (x * x).node, {"x": (-2.0, 1.0)}), (0.0, 4.0), rtol=1e-12)
+    np.testing.assert_allclose(
+        enclosed(program, (x * x).node, {"x": (-2.0, 1.0)}), (0.0, 4.0), rtol=1e-12
+    )
 
 
 def test_many_intervals_at_once() -> None:
     program = Program()
     x, y = program.input("x"), program.input("y")
     low = np.linspace(-3, 3, 7)
-    ranges = {x.node: (low[:, None], low[:, None] + 0.5), y.node: (np.array([0.0, 1.0]), np.array([0.5, 2.0]))}
+    ranges = {
+        x.node: (low[:, None], low[:, None] + 0.5),
+        y.node: (np.array([0.0, 1.0]), np.array([0.5, 2.0])),
+    }
     ((least, largest),) = interval_values(program, [(x.sin() * y).node], ranges)
     assert least.shape == largest.shape == (7, 2)
     for i in range(7):
         for j in range(2):
             one = {"x": (low[i], low[i] + 0.5), "y": ((0.0, 1.0)[j], (0.5, 2.0)[j])}
-            assert (least[i, j], largest[i, j]) == enclosed(program, (x.sin() * y).node, one)
+            assert (least[i, j], largest[i, j]) == enclosed(
+                program, (x.sin() * y).node, one
+            )
 
 
 def test_missing_inputs() -> None:
     program = Program()
     x, y = program.input("x"), program.input("y")
     with pytest.raises(InputError, match="the range of 'y' is missing"):
-        interval_values(program, [(x + y).node], {x.node: (np.array(0.0), np.array(1.0))})
+        interval_values(
+            program, [(x + y).node], {x.node: (np.array(0.0), np.array(1.0))}
+        )
 
 
 # -- smoothing ---------------------------------------------------------------------------------------------------------
@@ -250,13 +310,21 @@ def test_missing_inputs() -> None:
 def test_signs_and_absolute_values_become_gradual() -> None:
     program = Program()
     x, y = program.input("x"), program.input("y")
-    outputs = [program.function(Op.SIGN, x - y).node, program.function(Op.ABS, x).node, (x.cos() * y).node]
+    outputs = [
+        program.function(Op.SIGN, x - y).node,
+        program.function(Op.ABS, x).node,
+        (x.cos() * y).node,
+    ]
     new, nodes = smoothed(program, outputs, 0.25)
     assert not {Op.SIGN, Op.ABS} & {Op(new.ops[n]) for n in new.needed(nodes)}
     for at in (-0.3, -0.01, 0.0, 0.2, 1.5):
         point = {"x": at, "y": 0.1}
         found = [float(truth(new, node, point)) for node in nodes]
-        expected = [math.tanh((at - 0.1) / 0.25), at * math.tanh(at / 0.25), math.cos(at) * 0.1]
+        expected = [
+            math.tanh((at - 0.1) / 0.25),
+            at * math.tanh(at / 0.25),
+            math.cos(at) * 0.1,
+        ]
         np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-16)
 
 
@@ -269,7 +337,9 @@ def test_how_far_smoothing_changes_values(at: float, width: float) -> None:
     new, nodes = smoothed(program, outputs, width)
     sign, size = (truth(new, node, {"x": at}) for node in nodes)
     if at:
-        assert abs(sign - mpmath.sign(at)) <= 2 * mpmath.exp(-2 * abs(at) / width) + 1e-14
+        assert (
+            abs(sign - mpmath.sign(at)) <= 2 * mpmath.exp(-2 * abs(at) / width) + 1e-14
+        )
     assert -1e-14 <= abs(at) - size <= 0.28 * width
 
 

@@ -39,13 +39,21 @@ IDENTITIES: dict[str, Relation] = {
     "half angle": lambda _p, x, _: x.sin() - doubled(x / 2),
     "sum": lambda _p, x, y: (x + y).sin() - turned(x, y),
     "sum of multiples": lambda _p, x, y: (x / 3 - y).sin() - turned(x / 3, -y),
-    "coupling": lambda _p, x, _: (Fraction(3, 7) * x).sin() - turned(x / 7, Fraction(2, 7) * x),
+    "coupling": lambda _p, x, _: (
+        (Fraction(3, 7) * x).sin() - turned(x / 7, Fraction(2, 7) * x)
+    ),
     "large multiple": lambda _p, x, _: (10_000_000 * x).sin() - doubled(5_000_000 * x),
-    "large and small multiples": lambda _p, x, _: ((2 * x).sin() - doubled(x)) * (x / 1000).sin(),
-    "angle that cancels": lambda _p, x, y: (x + y - x - y).sin() + ((x + y) - y - x).cos() - 1,
+    "large and small multiples": lambda _p, x, _: (
+        ((2 * x).sin() - doubled(x)) * (x / 1000).sin()
+    ),
+    "angle that cancels": lambda _p, x, y: (
+        (x + y - x - y).sin() + ((x + y) - y - x).cos() - 1
+    ),
     "product": lambda _p, x, y: (2 * (x * y)).sin() - doubled(x * y),
     "product and sum": lambda _p, x, y: (x - x * y).sin() - turned(x, -(x * y)),
-    "irrational multiple": lambda _p, x, _: (x * ROOT2 + x).sin() - turned(x * ROOT2, x),
+    "irrational multiple": lambda _p, x, _: (
+        (x * ROOT2 + x).sin() - turned(x * ROOT2, x)
+    ),
     "function": lambda _p, x, _: (2 * x.sin()).sin() - doubled(x.sin()),
     "constant": lambda p, x, _: (x + 1).sin() - turned(x, p.one),
     "half of a constant": lambda p, _, __: p.one.sin() - doubled(p.constant(HALF)),
@@ -69,12 +77,28 @@ def recorded(relation: Relation) -> LinearForms:
 
 
 def sample(relation: Relation, field: PrimeField, states: int = 20) -> Residues:
-    values: Residues = recorded(relation).sampler().evaluate(field, np.random.default_rng(0), states, {})
+    values: Residues = (
+        recorded(relation)
+        .sampler()
+        .evaluate(field, np.random.default_rng(0), states, {})
+    )
     assert values.shape == (1, 1, states)
     return values.ravel()
 
 
-RATIONAL = ("circle", "odd", "double", "half angle", "sum", "coupling", "large", "angle that", "sine", "two", "tangent")
+RATIONAL = (
+    "circle",
+    "odd",
+    "double",
+    "half angle",
+    "sum",
+    "coupling",
+    "large",
+    "angle that",
+    "sine",
+    "two",
+    "tangent",
+)
 """Relations between functions of rational combinations of inputs, which primes know."""
 
 
@@ -99,14 +123,39 @@ def test_other_relations_do_not_hold(name: str) -> None:
         assert len(set(values.tolist())) == len(values)
 
 
-Columns = Callable[[Program, Scalar, Scalar], list[Scalar]]  # of a state x and a symbol a
+Columns = Callable[
+    [Program, Scalar, Scalar], list[Scalar]
+]  # of a state x and a symbol a
 
 SPANS: dict[str, tuple[Columns, int]] = {
-    "shifts": (lambda _p, x, _: [x.sin(), x.cos(), (x + 1).sin(), (x - Fraction("0.7853")).cos()], 2),
-    "symbols as shifts": (lambda _p, x, a: [x.sin(), x.cos(), (x + a).sin(), (x - 2 * a).cos(), (x - a * a).sin()], 2),
-    "squares": (lambda p, x, _: [x.sin() * x.sin(), x.cos() * x.cos(), (2 * x).cos(), p.one], 2),
+    "shifts": (
+        lambda _p, x, _: [
+            x.sin(),
+            x.cos(),
+            (x + 1).sin(),
+            (x - Fraction("0.7853")).cos(),
+        ],
+        2,
+    ),
+    "symbols as shifts": (
+        lambda _p, x, a: [
+            x.sin(),
+            x.cos(),
+            (x + a).sin(),
+            (x - 2 * a).cos(),
+            (x - a * a).sin(),
+        ],
+        2,
+    ),
+    "squares": (
+        lambda p, x, _: [x.sin() * x.sin(), x.cos() * x.cos(), (2 * x).cos(), p.one],
+        2,
+    ),
     "screw": (lambda _p, x, _: [x, x.sin(), x.cos(), x * x, x * x.sin()], 5),
-    "constants": (lambda p, x, a: [a.sin(), (a * a).cos(), p.constant(2).sin(), p.one, (x - x)], 1),
+    "constants": (
+        lambda p, x, a: [a.sin(), (a * a).cos(), p.constant(2).sin(), p.one, (x - x)],
+        1,
+    ),
 }
 
 
@@ -115,18 +164,43 @@ def test_ranks(columns: Columns, expected: int) -> None:
     program = Program()
     x, a = program.input("x"), program.input("a", "symbol")
     outputs = columns(program, x, a)
-    forms = LinearForms(program, {(0, k): scalar.node for k, scalar in enumerate(outputs)}, (1, len(outputs)))
+    forms = LinearForms(
+        program,
+        {(0, k): scalar.node for k, scalar in enumerate(outputs)},
+        (1, len(outputs)),
+    )
     assert linear_structure(forms, np.random.default_rng(1)).rank == expected
 
 
-def test_programs_of_arms_have_no_other_functions_than_sines_and_cosines_of_inputs() -> None:
+def test_programs_of_arms_have_no_other_functions_than_sines_and_cosines_of_inputs() -> (
+    None
+):
     program = Program()
     x, a = program.input("x"), program.input("a", "symbol")
-    suited: list[list[Scalar]] = [[x, x.sin(), x.cos()], [a.sin(), x * a.cos()], [x * a], []]
-    suited += [[(2 * x).sin()], [(x / 3 + a).cos()], [x.tan()], [x.sign()], [abs(x)], [x.exp().sign() * x]]
+    suited: list[list[Scalar]] = [
+        [x, x.sin(), x.cos()],
+        [a.sin(), x * a.cos()],
+        [x * a],
+        [],
+    ]
+    suited += [
+        [(2 * x).sin()],
+        [(x / 3 + a).cos()],
+        [x.tan()],
+        [x.sign()],
+        [abs(x)],
+        [x.exp().sign() * x],
+    ]
     for outputs in suited:
         assert FieldSampler.suits(program, [scalar.node for scalar in outputs])
-    for outputs in ([x.sin().sin()], [a, a.sin()], [(x + a / 2).cos()], [(x + 1).sin()], [(a * x).sin()], [x.exp()]):
+    for outputs in (
+        [x.sin().sin()],
+        [a, a.sin()],
+        [(x + a / 2).cos()],
+        [(x + 1).sin()],
+        [(a * x).sin()],
+        [x.exp()],
+    ):
         assert not FieldSampler.suits(program, [scalar.node for scalar in outputs])
 
 
@@ -135,12 +209,20 @@ def test_signs_are_those_of_regions() -> None:
     x, y = program.input("x"), program.input("y")
     outputs = [(x - y).sign(), x.sign(), abs(y), y]
     sampler = sampler_of(program, [scalar.node for scalar in outputs])
-    values = sampler.evaluate(SMALL_FIELD, np.random.default_rng(1), 2 * sampler.regions, {})[:, 0]
+    values = sampler.evaluate(
+        SMALL_FIELD, np.random.default_rng(1), 2 * sampler.regions, {}
+    )[:, 0]
     p = SMALL_FIELD.p
-    signs = {tuple(int(s) if s < 2 else int(s) - p for s in column) for column in values[:2].T}
+    signs = {
+        tuple(int(s) if s < 2 else int(s) - p for s in column)
+        for column in values[:2].T
+    }
     assert signs <= {(1, 1), (1, -1), (-1, 1), (-1, -1)}
     assert sampler.regions >= 3
-    assert set((values[2] * values[3] % p == values[3] * values[3] % p).tolist()) == {True, False}
+    assert set((values[2] * values[3] % p == values[3] * values[3] % p).tolist()) == {
+        True,
+        False,
+    }
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
@@ -168,11 +250,19 @@ def geometry_sampler() -> FieldSampler:
 def test_geometry_takes_the_given_values(field: PrimeField) -> None:
     sampler = geometry_sampler()
     assert sampler.symbols == ["a", "d"]
-    geometry = {"d": np.array([5, 7], dtype=field.dtype), "a": np.array([0, 3], dtype=field.dtype)}
+    geometry = {
+        "d": np.array([5, 7], dtype=field.dtype),
+        "a": np.array([0, 3], dtype=field.dtype),
+    }
     values = sampler.evaluate(field, np.random.default_rng(3), 4, geometry)
-    cosine, sine = -4 * field.invert(5) % field.p, 3 * field.invert(5) % field.p  # of the angle with tan a/2 = 3
+    cosine, sine = (
+        -4 * field.invert(5) % field.p,
+        3 * field.invert(5) % field.p,
+    )  # of the angle with tan a/2 = 3
     assert values.shape == (4, 2, 4)
-    for row, expected in zip(values, ([5, 7], [1, cosine], [0, 7 * sine % field.p]), strict=False):
+    for row, expected in zip(
+        values, ([5, 7], [1, cosine], [0, 7 * sine % field.p]), strict=False
+    ):
         assert row.tolist() == [[e] * 4 for e in expected]
     assert len(set(values[3].ravel().tolist())) == 8
 
@@ -186,10 +276,16 @@ def test_a_singular_geometry_is_degenerate() -> None:
 
 def test_no_outputs_and_constant_outputs() -> None:
     program, rng = Program(), np.random.default_rng(5)
-    assert FieldSampler(program, []).evaluate(SMALL_FIELD, rng, 3, {}).shape == (0, 1, 3)
+    assert FieldSampler(program, []).evaluate(SMALL_FIELD, rng, 3, {}).shape == (
+        0,
+        1,
+        3,
+    )
     constant = FieldSampler(program, [program.constant(Fraction(1, 2)).node])
     assert constant.symbols == []
-    assert constant.evaluate(SMALL_FIELD, rng, 3, {}).tolist() == [[[(SMALL_FIELD.p + 1) // 2] * 3]]
+    assert constant.evaluate(SMALL_FIELD, rng, 3, {}).tolist() == [
+        [[(SMALL_FIELD.p + 1) // 2] * 3]
+    ]
 
 
 def test_the_same_generator_gives_the_same_samples() -> None:

@@ -34,7 +34,10 @@ def recorded(expression: Any) -> tuple[Program, Scalar]:
 
 def in_doubles(program: Program, output: Scalar) -> float:
     schedule = Schedule(program, [output.node])
-    values = {n: np.array([VALUES[sympy.Symbol(program.inputs[n].name)]]) for n in schedule.leaves}
+    values = {
+        n: np.array([VALUES[sympy.Symbol(program.inputs[n].name)]])
+        for n in schedule.leaves
+    }
     return float(schedule.run(FloatArithmetic(), values, 1)[0, 0])
 
 
@@ -65,15 +68,27 @@ def test_there_and_back(expression: Any) -> None:
     program, output = recorded(expression)
     back = to_sympy(program, [output.node])[0]
     assert sympy.simplify(sympy.expand_trig(sympy.expand(back - expression))) == 0
-    assert in_doubles(program, output) == pytest.approx(float(expression.subs(VALUES)), rel=1e-12)
+    assert in_doubles(program, output) == pytest.approx(
+        float(expression.subs(VALUES)), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(
-    "expression", [x**y, sympy.cbrt(x), 2**-x, x ** (y + 2), sympy.cosh(x) - sympy.sinh(x) * sympy.sech(y)], ids=str
+    "expression",
+    [
+        x**y,
+        sympy.cbrt(x),
+        2**-x,
+        x ** (y + 2),
+        sympy.cosh(x) - sympy.sinh(x) * sympy.sech(y),
+    ],
+    ids=str,
 )
 def test_what_is_recorded_by_exponentials(expression: Any) -> None:
     program, output = recorded(expression)
-    assert in_doubles(program, output) == pytest.approx(float(expression.subs(VALUES)), rel=1e-12)
+    assert in_doubles(program, output) == pytest.approx(
+        float(expression.subs(VALUES)), rel=1e-12
+    )
 
 
 @given(formulas("x", "y", constants=numbers))
@@ -82,7 +97,9 @@ def test_random_formulas_agree_with_lambdify(formula: Any) -> None:
     assume(expression.is_finite and not expression.has(sympy.zoo, sympy.nan))
     program, output = recorded(expression)
     with np.errstate(all="ignore"):
-        expected = sympy.lambdify([x, y], expression, "numpy")(*map(np.float64, VALUES.values()))
+        expected = sympy.lambdify([x, y], expression, "numpy")(
+            *map(np.float64, VALUES.values())
+        )
         result = in_doubles(program, output)
     assume(np.isfinite(expected) and abs(expected) < 1e6)
     assert result == pytest.approx(float(expected), rel=1e-6, abs=1e-6)
@@ -163,10 +180,20 @@ def test_every_function_of_programs_is_supported() -> None:
 
 def test_a_regressor_written_in_sympy_has_an_exact_rank() -> None:
     q = sympy.Symbol("x")
-    columns = [sin(q), cos(q), sin(q + pi / 4), cos(q - pi / 12), 0.1 * sin(2 * q), sin(q) * cos(q), q**2]
+    columns = [
+        sin(q),
+        cos(q),
+        sin(q + pi / 4),
+        cos(q - pi / 12),
+        0.1 * sin(2 * q),
+        sin(q) * cos(q),
+        q**2,
+    ]
     program = Program()
     outputs = [from_sympy(program, c, {"x": program.input("x")}).node for c in columns]
-    forms = LinearForms(program, {(0, k): node for k, node in enumerate(outputs)}, (1, len(outputs)))
+    forms = LinearForms(
+        program, {(0, k): node for k, node in enumerate(outputs)}, (1, len(outputs))
+    )
     assert linear_structure(forms, np.random.default_rng(1)).rank == 4
 
 
@@ -175,7 +202,10 @@ def test_a_regressor_written_in_sympy_has_an_exact_rank() -> None:
     [
         (x + sympy.Symbol("z"), r"symbol 'z': not declared \(declared: x, y\)"),
         (sympy.gamma(x), "gamma is not supported .supported: .*sin, cos, tan"),
-        (sympy.zeta(x), "zeta is not supported .supported: .*asin, acos, atan2, Max, Min"),
+        (
+            sympy.zeta(x),
+            "zeta is not supported .supported: .*asin, acos, atan2, Max, Min",
+        ),
         (sympy.Piecewise((x, x > 0), (y, True)), "Piecewise"),
         (sympy.Function("q")(x), "replace functions of time"),
         (sympy.Function("q")(x).diff(x), "replace functions of time"),
@@ -206,5 +236,7 @@ def test_symbols_of_another_program_are_refused() -> None:
 
 def test_sympy_is_loaded_only_when_used() -> None:
     script = "import sys, echelon.program.sympy_bridge; print('sympy' in sys.modules)"
-    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert result.stdout.strip() == "False"

@@ -27,11 +27,19 @@ def replay(program: Program, node: int) -> Number:
     for n in program.needed([node]):
         a, b = values.get(lhs[n]), values.get(rhs[n])
         if ops[n] in (Op.INPUT, Op.CONSTANT):
-            values[n] = POINT[program.inputs[n].name] if n in program.inputs else program.constants[n]
+            values[n] = (
+                POINT[program.inputs[n].name]
+                if n in program.inputs
+                else program.constants[n]
+            )
         elif ops[n] == Op.NEG:
             values[n] = -a
         else:
-            values[n] = calculate(("+-*/"[(Op.ADD, Op.SUB, Op.MUL, Op.DIV).index(Op(ops[n]))], a, b), {}, _plain)
+            values[n] = calculate(
+                ("+-*/"[(Op.ADD, Op.SUB, Op.MUL, Op.DIV).index(Op(ops[n]))], a, b),
+                {},
+                _plain,
+            )
     result: Number = values[node]
     return result
 
@@ -52,7 +60,9 @@ def test_recording_keeps_the_value(formula: Any) -> None:
         expected = calculate(formula, {k: _plain(v) for k, v in POINT.items()}, _plain)
     except ZeroDivisionError:
         assume(False)
-    assert replay(program, calculate(formula, inputs, program.constant).node) == expected
+    assert (
+        replay(program, calculate(formula, inputs, program.constant).node) == expected
+    )
 
 
 @given(formulas(*"xyz", constants=numbers))
@@ -72,7 +82,10 @@ Formula = Callable[[Any, Any], Any]
 FOLDED: dict[str, tuple[Formula, dict[str, int]]] = {
     "zero and one": (lambda x, y: 0 * x + 1 * y + (x - x) + 0, {}),
     "zero over anything": (lambda x, y: (x - x) / y, {}),
-    "constants": (lambda x, _: x + ((0 * x + Fraction(1, 3) + 2) * 3 - 1) / 5, {"ADD": 1}),
+    "constants": (
+        lambda x, _: x + ((0 * x + Fraction(1, 3) + 2) * 3 - 1) / 5,
+        {"ADD": 1},
+    ),
     "negation twice": (lambda x, _: -(0 - x), {}),
     "sum with a negative": (lambda x, y: x + (-y), {"SUB": 1}),
     "difference with a negative": (lambda x, y: x - (-y), {"ADD": 1}),
@@ -80,9 +93,15 @@ FOLDED: dict[str, tuple[Formula, dict[str, int]]] = {
     "product of negatives": (lambda x, y: (-x) * (-y), {"MUL": 1}),
     "sum of negatives": (lambda x, y: -x - y, {"ADD": 1, "NEG": 1}),
     "common subexpression": (lambda x, y: (x + y) * (y + x), {"ADD": 1, "MUL": 1}),
-    "one product for both signs": (lambda x, y: (x * 3) / y + (x * -3), {"DIV": 1, "MUL": 1, "SUB": 1}),
+    "one product for both signs": (
+        lambda x, y: (x * 3) / y + (x * -3),
+        {"DIV": 1, "MUL": 1, "SUB": 1},
+    ),
     "division by a constant": (lambda x, _: x / 4, {"MUL": 1}),
-    "surds": (lambda x, _: ROOT2 * (x * ROOT2 + ROOT2 / 2) - (1 - x) / ROOT2, {"ADD": 1, "MUL": 3, "SUB": 2}),
+    "surds": (
+        lambda x, _: ROOT2 * (x * ROOT2 + ROOT2 / 2) - (1 - x) / ROOT2,
+        {"ADD": 1, "MUL": 3, "SUB": 2},
+    ),
 }
 
 
@@ -146,7 +165,10 @@ def test_geometry_becomes_symbols() -> None:
     program = Program()
     x = program.polynomial(parse("2*d^2*cos(a) - sin(a)"))
     assert x.node == program.polynomial(parse("2*cos(a)*d^2 - sin(a)")).node
-    assert sorted((i.name, i.role) for i in program.inputs.values()) == [("a", "symbol"), ("d", "symbol")]
+    assert sorted((i.name, i.role) for i in program.inputs.values()) == [
+        ("a", "symbol"),
+        ("d", "symbol"),
+    ]
     assert program.count([x.node]) == {"COS": 1, "MUL": 3, "SIN": 1, "SUB": 1}
     assert program.polynomial(parse("0")).is_zero
 
@@ -158,7 +180,11 @@ def test_only_what_is_needed_counts() -> None:
     useful, _useless = s + x, x / y
     assert program.count([useful.node]) == {"ADD": 1, "MUL": 1, "SIN": 1}
     assert program.count([useful.node, (x * y).node]) == {"ADD": 1, "MUL": 1, "SIN": 1}
-    assert program.needed([useful.node], leaves=[s.node]) == [x.node, s.node, useful.node]
+    assert program.needed([useful.node], leaves=[s.node]) == [
+        x.node,
+        s.node,
+        useful.node,
+    ]
     assert program.count([]) == {}
 
 
@@ -182,4 +208,7 @@ def test_signs_and_sizes_of_constants_are_folded(value: Number) -> None:
     program = Program()
     constant = program.constant(value)
     sign, size = (program.function(op, constant).number for op in (Op.SIGN, Op.ABS))
-    assert (sign, size) == ((float(value) > 0) - (float(value) < 0), value if float(value) >= 0 else -value)
+    assert (sign, size) == (
+        (float(value) > 0) - (float(value) < 0),
+        value if float(value) >= 0 else -value,
+    )

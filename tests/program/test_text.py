@@ -23,7 +23,9 @@ VALUES = {"x": 0.7, "y": 1.3, "qd[j5]": -0.4, "qd[left-knee]": 0.2, "qd[3]": 2.0
 
 def recorded(text: str) -> tuple[Program, Scalar]:
     program = Program()
-    return program, record_expression(text, {n: program.input(n) for n in VALUES}, "effect 'Fs'", program)
+    return program, record_expression(
+        text, {n: program.input(n) for n in VALUES}, "effect 'Fs'", program
+    )
 
 
 def in_doubles(text: str) -> float:
@@ -41,8 +43,12 @@ MEANINGS = {
     "x**(1/3)": 0.7 ** (1 / 3),
     "x**y": 0.7**1.3,
     "sin(x)*cos(y) - tan(x)": np.sin(0.7) * np.cos(1.3) - np.tan(0.7),
-    "sin(x + pi/2) - cos(-pi/3 - x)": np.sin(0.7 + np.pi / 2) - np.cos(-np.pi / 3 - 0.7),
-    "exp(-x) + log(y) + tanh(x*y) + sqrt(x)": np.exp(-0.7) + np.log(1.3) + np.tanh(0.91) + np.sqrt(0.7),
+    "sin(x + pi/2) - cos(-pi/3 - x)": np.sin(0.7 + np.pi / 2)
+    - np.cos(-np.pi / 3 - 0.7),
+    "exp(-x) + log(y) + tanh(x*y) + sqrt(x)": np.exp(-0.7)
+    + np.log(1.3)
+    + np.tanh(0.91)
+    + np.sqrt(0.7),
     "sign(qd[j5])*abs(qd[j5])": -0.4,
     "qd[left-knee] + qd['left-knee'] + qd[\"left-knee\"]": 0.6,
     "qd[3] + qd['3']": 4.0,
@@ -57,8 +63,12 @@ def test_meaning(text: str, value: float) -> None:
 
 
 def test_decimals_are_exact_and_constants_fold() -> None:
-    program, output = recorded("0.1 + 0.2 - sin(pi/6)*sqrt(4) + cos(0) + abs(-3/2) + sign(-7)")
-    assert program.constants[output.node] == Fraction("0.3") - 1 + 1 + Fraction(3, 2) - 1
+    program, output = recorded(
+        "0.1 + 0.2 - sin(pi/6)*sqrt(4) + cos(0) + abs(-3/2) + sign(-7)"
+    )
+    assert (
+        program.constants[output.node] == Fraction("0.3") - 1 + 1 + Fraction(3, 2) - 1
+    )
 
 
 @given(formulas("x", "y"))
@@ -69,7 +79,10 @@ def test_python_and_text_record_the_same(formula: Any) -> None:
         expected = calculate(formula, names, program.constant)
     except ZeroDivisionError:
         assume(False)
-    assert record_expression(_written(formula), names, "here", program).node == expected.node
+    assert (
+        record_expression(_written(formula), names, "here", program).node
+        == expected.node
+    )
 
 
 def _written(formula: Any) -> str:
@@ -111,7 +124,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("text", "problem"), REFUSED.items(), ids=[t[:20] for t in REFUSED])
+@pytest.mark.parametrize(
+    ("text", "problem"), REFUSED.items(), ids=[t[:20] for t in REFUSED]
+)
 def test_refusals_show_the_text_and_the_place(text: str, problem: str) -> None:
     with pytest.raises(InputError) as caught:
         recorded(text)
@@ -120,7 +135,9 @@ def test_refusals_show_the_text_and_the_place(text: str, problem: str) -> None:
     assert text[:20] in str(caught.value)
 
 
-@pytest.mark.parametrize("use", [bool, float, int, lambda x: x < 1, lambda x: np.sign(np.array([x]))])
+@pytest.mark.parametrize(
+    "use", [bool, float, int, lambda x: x < 1, lambda x: np.sign(np.array([x]))]
+)
 def test_recorded_values_do_not_branch(use: Any) -> None:
     with pytest.raises(InputError, match="cannot branch, compare"):
         use(Program().input("x"))
@@ -129,8 +146,15 @@ def test_recorded_values_do_not_branch(use: Any) -> None:
 def test_numpy_functions_record() -> None:
     program = Program()
     x = np.array([program.input("x"), program.input("y")])
-    result = np.sin(x) * np.exp(-x) + np.abs(x) ** 0.5 + np.tanh(x) / np.cosh(x) + 0.1 * x @ np.ones((2, 2))
-    assert {"SIN", "EXP", "ABS", "SQRT", "TANH"} <= set(program.count([s.node for s in result]))
+    result = (
+        np.sin(x) * np.exp(-x)
+        + np.abs(x) ** 0.5
+        + np.tanh(x) / np.cosh(x)
+        + 0.1 * x @ np.ones((2, 2))
+    )
+    assert {"SIN", "EXP", "ABS", "SQRT", "TANH"} <= set(
+        program.count([s.node for s in result])
+    )
     with pytest.raises(InputError, match="not a finite real number"):
         program.input("x") * float("nan")
 
@@ -154,7 +178,10 @@ CASES: dict[str, tuple[Any, Numeric]] = {
     "atan2(y, x)": (sympy.atan2(y, x), lambda x, y: np.arctan2(y, x)),
     "max(x, y)": (sympy.Max(x, y), lambda x, y: np.maximum(x, y)),
     "min(x, y)": (sympy.Min(x, y), lambda x, y: np.minimum(x, y)),
-    "max(x, 1/5)": (sympy.Max(x, sympy.Rational(1, 5)), lambda x, _: np.maximum(x, 0.2)),
+    "max(x, 1/5)": (
+        sympy.Max(x, sympy.Rational(1, 5)),
+        lambda x, _: np.maximum(x, 0.2),
+    ),
 }
 
 
@@ -163,29 +190,56 @@ def test_values(text: str) -> None:
     rng = np.random.default_rng(0)
     samples = {"x": rng.uniform(-1, 1, 200), "y": rng.uniform(-1, 1, 200)}
     expression, numeric = CASES[text]
-    for form in ([[text]], sympy.Matrix([[expression]]), lambda x, y: [[numeric(x, y)]]):
+    for form in (
+        [[text]],
+        sympy.Matrix([[expression]]),
+        lambda x, y: [[numeric(x, y)]],
+    ):
         base = ec.base_parameters(ec.LinearModel(form, ["x", "y"], ["p"]))
         found = base.full_regressor(samples)[:, 0, 0]
-        np.testing.assert_allclose(found, numeric(samples["x"], samples["y"]), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            found, numeric(samples["x"], samples["y"]), rtol=1e-12, atol=1e-12
+        )
 
 
 def test_steps_and_several_arguments() -> None:
-    base = ec.base_parameters(ec.LinearModel([["max(x, y, 0)", "heaviside(x)"]], ["x", "y"], ["p", "q"]))
-    samples = {"x": np.array([1.0, -2.0, -3.0, 0.0]), "y": np.array([2.0, -1.0, 4.0, -1.0])}
-    assert base.full_regressor(samples)[:, 0].tolist() == [[2, 1], [0, 0], [4, 0], [0, 0.5]]
-    same = ec.LinearModel(sympy.Matrix([[sympy.Max(x, y, 0), sympy.Heaviside(x)]]), [x, y], ["p", "q"])
-    assert ec.base_parameters(same).full_regressor(samples).tolist() == base.full_regressor(samples).tolist()
+    base = ec.base_parameters(
+        ec.LinearModel([["max(x, y, 0)", "heaviside(x)"]], ["x", "y"], ["p", "q"])
+    )
+    samples = {
+        "x": np.array([1.0, -2.0, -3.0, 0.0]),
+        "y": np.array([2.0, -1.0, 4.0, -1.0]),
+    }
+    assert base.full_regressor(samples)[:, 0].tolist() == [
+        [2, 1],
+        [0, 0],
+        [4, 0],
+        [0, 0.5],
+    ]
+    same = ec.LinearModel(
+        sympy.Matrix([[sympy.Max(x, y, 0), sympy.Heaviside(x)]]), [x, y], ["p", "q"]
+    )
+    assert (
+        ec.base_parameters(same).full_regressor(samples).tolist()
+        == base.full_regressor(samples).tolist()
+    )
 
 
 def test_ends_of_the_arc_functions() -> None:
-    base = ec.base_parameters(ec.LinearModel([["asin(x)", "acos(x)"]], ["x"], ["p", "q"]))
+    base = ec.base_parameters(
+        ec.LinearModel([["asin(x)", "acos(x)"]], ["x"], ["p", "q"])
+    )
     found = base.full_regressor({"x": np.array([-1.0, 0.0, 1.0])})[:, 0]
-    np.testing.assert_allclose(found, [[-np.pi / 2, np.pi], [0, np.pi / 2], [np.pi / 2, 0]], atol=1e-15)
+    np.testing.assert_allclose(
+        found, [[-np.pi / 2, np.pi], [0, np.pi / 2], [np.pi / 2, 0]], atol=1e-15
+    )
 
 
 def test_arc_functions_make_a_right_angle() -> None:
     """The coefficients, 2/π, are no algebraic numbers."""
-    base = ec.base_parameters(ec.LinearModel([["acos(x)", "asin(x)", "1"]], ["x"], ["p", "q", "r"]))
+    base = ec.base_parameters(
+        ec.LinearModel([["acos(x)", "asin(x)", "1"]], ["x"], ["p", "q", "r"])
+    )
     assert base.certificate.numbers == 1
     np.testing.assert_allclose(base.B_float(), [[1, 0, 2 / np.pi], [0, 1, 2 / np.pi]])
 

@@ -35,16 +35,24 @@ EXAMPLES = ROOT / "examples" / "loops"
 ALL = [pytest.param(m, id=m.name) for m in linkages.everything()]
 
 
-def accepted(mechanism: Mechanism, *state: FloatArray, **symbols: float) -> dict[str, FloatArray]:
-    return ClosedStates(mechanism).independent_state(dict(zip(("q", "qd", "qdd"), state, strict=True)), symbols)
+def accepted(
+    mechanism: Mechanism, *state: FloatArray, **symbols: float
+) -> dict[str, FloatArray]:
+    return ClosedStates(mechanism).independent_state(
+        dict(zip(("q", "qd", "qdd"), state, strict=True)), symbols
+    )
 
 
-def closed_states(mechanism: Mechanism, count: int = 6) -> tuple[FloatArray, FloatArray, FloatArray]:
+def closed_states(
+    mechanism: Mechanism, count: int = 6
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     return Assembly(mechanism).random_closed_states(np.random.default_rng(5), count)
 
 
 def independent_columns(mechanism: Mechanism) -> list[int]:
-    return [mechanism.velocities.index(name) for name in mechanism.independent_velocities]
+    return [
+        mechanism.velocities.index(name) for name in mechanism.independent_velocities
+    ]
 
 
 # -- closure equations -------------------------------------------------------------------------------------------------
@@ -58,10 +66,14 @@ def test_the_jacobian_is_the_derivative_everywhere(mechanism: Mechanism) -> None
     moving = (jacobian @ (qd / closures.units)[:, :, None])[:, :, 0]
 
     def moved(step: float) -> FloatArray:
-        return closures.at(normalised(mechanism, q + step * position_rates(mechanism, q, qd)))[0]
+        return closures.at(
+            normalised(mechanism, q + step * position_rates(mechanism, q, qd))
+        )[0]
 
     h = 1e-3
-    difference = (8 * (moved(h) - moved(-h)) - (moved(2 * h) - moved(-2 * h))) / (12 * h)
+    difference = (8 * (moved(h) - moved(-h)) - (moved(2 * h) - moved(-2 * h))) / (
+        12 * h
+    )
     np.testing.assert_allclose(moving, difference, atol=1e-8 * np.abs(moving).max())
 
 
@@ -74,7 +86,10 @@ def test_random_states_are_closed_in_pinocchio(mechanism: Mechanism) -> None:
         for closure in mechanism.closures:
             seen, _ = model.basis(closure)
             assert all(abs(seen.translation[k]) < 1e-11 for k in closure.kind.positions)
-            assert all(abs(seen.rotation[i, j] - value) < 1e-11 for i, j, value in closure.kind.directions)
+            assert all(
+                abs(seen.rotation[i, j] - value) < 1e-11
+                for i, j, value in closure.kind.directions
+            )
         assert np.abs(model.closing(q) @ qd).max() < 1e-10
     assert np.ptp(states[0], axis=0).max() > 0.3
 
@@ -86,22 +101,34 @@ def test_accelerations_follow_from_motions_in_time() -> None:
 
     def speed(time: float) -> FloatArray:
         way = time * position_rates(assembly.mechanism, q, qd)
-        there, done = assembly.closed(normalised(assembly.mechanism, q + way), assembly.mechanism.independent)
+        there, done = assembly.closed(
+            normalised(assembly.mechanism, q + way), assembly.mechanism.independent
+        )
         assert done.all()
         chosen = independent_columns(assembly.mechanism)
         return velocities(assembly, there, qd[:, chosen])
 
     found = accelerations(assembly, q, qd, np.zeros((3, 2)))
-    difference = (8 * (speed(h) - speed(-h)) - (speed(2 * h) - speed(-2 * h))) / (12 * h)
+    difference = (8 * (speed(h) - speed(-h)) - (speed(2 * h) - speed(-2 * h))) / (
+        12 * h
+    )
     np.testing.assert_allclose(found, difference, rtol=1e-7, atol=1e-7)
 
 
 def test_velocities_and_accelerations_come_back_from_independent_ones() -> None:
-    for mechanism in (linkages.four_bar(), linkages.rssr(), linkages.closed_chain(ClosureKind.PRISMATIC)):
+    for mechanism in (
+        linkages.four_bar(),
+        linkages.rssr(),
+        linkages.closed_chain(ClosureKind.PRISMATIC),
+    ):
         assembly, chosen = Assembly(mechanism), independent_columns(mechanism)
         q, qd, qdd = closed_states(mechanism)
-        np.testing.assert_allclose(velocities(assembly, q, qd[:, chosen]), qd, atol=1e-9)
-        np.testing.assert_allclose(accelerations(assembly, q, qd, qdd[:, chosen]), qdd, atol=1e-9)
+        np.testing.assert_allclose(
+            velocities(assembly, q, qd[:, chosen]), qd, atol=1e-9
+        )
+        np.testing.assert_allclose(
+            accelerations(assembly, q, qd, qdd[:, chosen]), qdd, atol=1e-9
+        )
         assert (assembly.mobility(q) == len(chosen)).all()
 
 
@@ -123,7 +150,9 @@ def test_configurations_stay_in_the_way_of_assembly() -> None:
     assert np.ptp(q[:, 0]) > 1
     # flat, the parallelogram could fold over, but it goes straight on
     angles = np.array([[0.01], [-0.4], [-1.0], [-2.7], [3.0], [4.0]])
-    np.testing.assert_allclose(Assembly(bars).from_independent(angles), angles * [1, -1, 1], atol=1e-9)
+    np.testing.assert_allclose(
+        Assembly(bars).from_independent(angles), angles * [1, -1, 1], atol=1e-9
+    )
     crank = linkages.four_bar()
     q, _, _ = closed_states(crank, 50)
     np.testing.assert_allclose(Assembly(crank).from_independent(q[:, :1]), q, atol=1e-9)
@@ -137,13 +166,32 @@ def test_a_stated_pose_in_line_is_left() -> None:
 
 
 def test_a_linkage_that_floats() -> None:
-    bar, base = linkages.four_bar(), arms.body(4, 0, "floating", *floating_motions("base"))
+    bar, base = (
+        linkages.four_bar(),
+        arms.body(4, 0, "floating", *floating_motions("base")),
+    )
     carried = [replace(body, parent=body.parent + 1) for body in bar.bodies]
-    closures = tuple(replace(c, first=c.first + 1, second=c.second + 1) for c in bar.closures)
-    free = ("base.tx", "base.ty", "base.tz", "base.r.x", "base.r.y", "base.r.z", "crank")
-    mechanism = replace(bar, bodies=(base, *carried), closures=closures, independent=free)
+    closures = tuple(
+        replace(c, first=c.first + 1, second=c.second + 1) for c in bar.closures
+    )
+    free = (
+        "base.tx",
+        "base.ty",
+        "base.tz",
+        "base.r.x",
+        "base.r.y",
+        "base.r.z",
+        "crank",
+    )
+    mechanism = replace(
+        bar, bodies=(base, *carried), closures=closures, independent=free
+    )
     assembly = Assembly(mechanism)
-    assert assembly.independent_positions == (*free[:3], *(f"base.r.{c}" for c in "wxyz"), "crank")
+    assert assembly.independent_positions == (
+        *free[:3],
+        *(f"base.r.{c}" for c in "wxyz"),
+        "crank",
+    )
     q, _, _ = oracles.random_states(mechanism, 20)
     found = assembly.from_independent(q[:, :8])
     alone = Assembly(bar).from_independent(q[:, 7:8])
@@ -164,12 +212,23 @@ def test_far_guesses_close_somewhere() -> None:
 def test_every_configuration_closes_at_its_own_values_of_symbols() -> None:
     """Those at the stated values are closed at once, and the others go on."""
     bar, count = linkages.four_bar(), 40
-    factors = np.where(np.arange(count) % 2, 1.0, np.random.default_rng(1).uniform(0.9, 1.1, count))
-    lengths = {name: float(value) * factors**k for k, (name, value) in enumerate(linkages.FOUR_BAR.items())}
-    q, done = Assembly(bar).at(lengths).closed(np.repeat(Assembly(bar).pose[None], count, axis=0))
+    factors = np.where(
+        np.arange(count) % 2, 1.0, np.random.default_rng(1).uniform(0.9, 1.1, count)
+    )
+    lengths = {
+        name: float(value) * factors**k
+        for k, (name, value) in enumerate(linkages.FOUR_BAR.items())
+    }
+    q, done = (
+        Assembly(bar)
+        .at(lengths)
+        .closed(np.repeat(Assembly(bar).pose[None], count, axis=0))
+    )
     assert done.all()
     for k, pose in enumerate(q):
-        own = Assembly(bar, {name: float(values[k]) for name, values in lengths.items()})
+        own = Assembly(
+            bar, {name: float(values[k]) for name, values in lengths.items()}
+        )
         assert np.abs(own.closures.at(pose[None])[0]).max() < 1e-11
 
 
@@ -182,25 +241,40 @@ def zeros(*widths: int) -> tuple[FloatArray, ...]:
 
 def test_what_cannot_close_is_named() -> None:
     rocker = linkages.four_bar("rocker")
-    with pytest.raises(ec.InputError, match=r"sample 1: closure 'pin' is off by 0\.\d+ m"):
+    with pytest.raises(
+        ec.InputError, match=r"sample 1: closure 'pin' is off by 0\.\d+ m"
+    ):
         accepted(rocker, np.array([[1.6], [0.3]]), np.zeros((2, 1)), np.zeros((2, 1)))
-    with pytest.raises(ec.InputError, match="do not close near the assembly pose: closure 'pin' is off by"):
+    with pytest.raises(
+        ec.InputError,
+        match="do not close near the assembly pose: closure 'pin' is off by",
+    ):
         accepted(linkages.four_bar(), *zeros(1, 1, 1), l1=2.0)
-    with pytest.raises(ec.InputError, match="the positions of sample 0 do not keep the loops closed: closure 'pin'"):
+    with pytest.raises(
+        ec.InputError,
+        match="the positions of sample 0 do not keep the loops closed: closure 'pin'",
+    ):
         accepted(linkages.four_bar(), np.ones((1, 3)), *zeros(3, 3))
     closed = Assembly(linkages.four_bar()).pose[None]
     with pytest.raises(ec.InputError, match="the velocities of sample 0 do not keep"):
         accepted(linkages.four_bar(), closed, np.ones((1, 3)), np.zeros((1, 3)))
-    with pytest.raises(ec.InputError, match="the accelerations of sample 0 do not keep"):
+    with pytest.raises(
+        ec.InputError, match="the accelerations of sample 0 do not keep"
+    ):
         accepted(linkages.four_bar(), closed, np.zeros((1, 3)), np.ones((1, 3)))
 
 
 def test_what_does_not_fit_is_named() -> None:
-    with pytest.raises(ec.InputError, match=r"q has shape \(1, 2\); expected \(samples, 3\) for all coordinates"):
+    with pytest.raises(
+        ec.InputError,
+        match=r"q has shape \(1, 2\); expected \(samples, 3\) for all coordinates",
+    ):
         accepted(linkages.four_bar(), *zeros(2, 1, 1))
     with pytest.raises(ec.InputError, match=r"qdd has shape \(1, 2\)"):
         accepted(linkages.four_bar(), *zeros(1, 1, 2))
-    with pytest.raises(ec.InputError, match=r"'rod\.x' is one velocity of a free rotation"):
+    with pytest.raises(
+        ec.InputError, match=r"'rod\.x' is one velocity of a free rotation"
+    ):
         accepted(linkages.rssr(), *zeros(2, 2, 2))
     with pytest.raises(ec.InputError, match="as many of each kind"):
         accepted(linkages.four_bar(), np.zeros((2, 1)), *zeros(1, 1))
@@ -210,12 +284,18 @@ def test_what_the_motion_does_not_determine_is_named() -> None:
     mechanism = linkages.four_bar()
     sideways = plain("mx", "N·m", Cut(2, Placement(), False, 0, True))
     with pytest.raises(
-        ec.InputError, match=r"output 'mx' is not determined by the motion: the loops closed by .* redundant"
+        ec.InputError,
+        match=r"output 'mx' is not determined by the motion: the loops closed by .* redundant",
     ):
         accepted(replace(mechanism, measured=(sideways,)), *zeros(1, 1, 1))
     inward = plain("fx", "N", Cut(2, Placement(), False, 0, False))
-    assert np.isfinite(accepted(replace(mechanism, measured=(inward,)), *zeros(1, 1, 1))["q"]).all()
-    locked, pose = replace(mechanism, independent=("crank", "rocker")), Assembly(mechanism).pose[None]
+    assert np.isfinite(
+        accepted(replace(mechanism, measured=(inward,)), *zeros(1, 1, 1))["q"]
+    ).all()
+    locked, pose = (
+        replace(mechanism, independent=("crank", "rocker")),
+        Assembly(mechanism).pose[None],
+    )
     with pytest.raises(ec.InputError, match="crank, rocker are not independent"):
         evaluate_floats(virtual_power_form(locked), locked, pose, *zeros(3, 3))
     with pytest.raises(ec.InputError, match="crank, rocker are not independent"):
@@ -240,7 +320,9 @@ def test_singular_configurations_are_named() -> None:
 
 def all_poses_of_the_four_bar(count: int = 20001) -> FloatArray:
     """Closed poses by the law of cosines, for all angles of the crank and both ways of assembly."""
-    l1, l2, l3, l4 = (float(linkages.FOUR_BAR[name]) for name in ("l1", "l2", "l3", "l4"))
+    l1, l2, l3, l4 = (
+        float(linkages.FOUR_BAR[name]) for name in ("l1", "l2", "l3", "l4")
+    )
     crank = np.linspace(-np.pi, np.pi, count)
     pin = l2 * np.exp(1j * crank)
     reach, direction = np.abs(pin - l1), np.angle(pin - l1)
@@ -259,8 +341,13 @@ def test_the_nearest_closed_pose_is_taken(size: float) -> None:
     for start in closed[rng.integers(len(closed), size=5)]:
         stated = start + rng.uniform(-size, size, 3)
         away = (closed - stated + np.pi) % (2 * np.pi) - np.pi
-        found = Assembly(replace(bar, assembly=dict(zip(bar.positions, stated, strict=True)))).pose
-        assert np.linalg.norm(found - stated) < 1.01 * np.linalg.norm(away, axis=1).min() + 1e-3
+        found = Assembly(
+            replace(bar, assembly=dict(zip(bar.positions, stated, strict=True)))
+        ).pose
+        assert (
+            np.linalg.norm(found - stated)
+            < 1.01 * np.linalg.norm(away, axis=1).min() + 1e-3
+        )
 
 
 def assembled_at(**pose: float) -> Mechanism:
@@ -274,20 +361,37 @@ def test_what_moved_is_known_and_said() -> None:
     found = base.reading.assembled
     assert found is not None
     assert not found.large
-    assert (found.closure, found.unit, {m.unit for m in found.moved}) == ("pin", "m", {"rad"})
+    assert (found.closure, found.unit, {m.unit for m in found.moved}) == (
+        "pin",
+        "m",
+        {"rad"},
+    )
     stated = {"crank": 1.0, "coupler": -0.43, "rocker": 1.62}
     away = {name: abs(found.pose[name] - value) for name, value in stated.items()}
     assert {m.coordinate: m.distance for m in found.moved} == pytest.approx(away)
-    assert found.moved[0].distance == max(away.values()) == pytest.approx(0.03, abs=0.02)
-    assert found.opening == pytest.approx(0.35 * 0.0516, rel=0.2)  # the coupler's end; one of its two components
+    assert (
+        found.moved[0].distance == max(away.values()) == pytest.approx(0.03, abs=0.02)
+    )
+    assert found.opening == pytest.approx(
+        0.35 * 0.0516, rel=0.2
+    )  # the coupler's end; one of its two components
     assert str(found) in to_text(base)
     assert from_json(to_json(base)).reading.assembled == found
-    exact = dict(zip(("crank", "coupler", "rocker"), Assembly(assembled_at(crank=1.0)).pose.tolist(), strict=True))
+    exact = dict(
+        zip(
+            ("crank", "coupler", "rocker"),
+            Assembly(assembled_at(crank=1.0)).pose.tolist(),
+            strict=True,
+        )
+    )
     assert moved_to_close(assembled_at(**exact)) is None
 
 
 def test_large_moves_are_warned_of() -> None:
-    with pytest.warns(ec.AssemblyWarning, match=r"at zero closure 'pin' is open by 0\.2 m.*write  assembly: \{crank:"):
+    with pytest.warns(
+        ec.AssemblyWarning,
+        match=r"at zero closure 'pin' is open by 0\.2 m.*write  assembly: \{crank:",
+    ):
         assembled_at()
     with pytest.warns(ec.AssemblyWarning, match="'rocker' by 1.57 rad"):
         assembled_at(crank=1.0)
@@ -296,6 +400,7 @@ def test_large_moves_are_warned_of() -> None:
 def test_poses_that_are_far_from_closing_are_refused() -> None:
     far = replace(linkages.slider_crank(), independent=(), assembly={"piston": 2.0})
     with pytest.raises(
-        ec.InputError, match=r"assembly: at the stated .*'piston' by 1\.3 m.*write  assembly: \{crank: "
+        ec.InputError,
+        match=r"assembly: at the stated .*'piston' by 1\.3 m.*write  assembly: \{crank: ",
     ):
         close(far)

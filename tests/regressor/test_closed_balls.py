@@ -48,12 +48,18 @@ def read(text: str) -> Mechanism:
     return read_description(text.encode(), "robot.yaml", ReadingOptions())
 
 
-def states(mechanism: Mechanism, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def states(
+    mechanism: Mechanism, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Midpoints of closed states, all balls of which are small."""
     forms = virtual_power_form(mechanism)
     assert forms.loops is not None
     program, rng = forms.program, np.random.default_rng(3)
-    kinds = (("q", mechanism.positions), ("qd", mechanism.velocities), ("qdd", mechanism.velocities))
+    kinds = (
+        ("q", mechanism.positions),
+        ("qd", mechanism.velocities),
+        ("qdd", mechanism.velocities),
+    )
     names = [[f"{kind}[{name}]" for name in some] for kind, some in kinds]
     node = {program.inputs[n].name: n for n in program.inputs}
     inputs = [node[name] for some in names for name in some if name in node]
@@ -62,7 +68,15 @@ def states(mechanism: Mechanism, count: int) -> tuple[np.ndarray, np.ndarray, np
         leaves = closed.leaves(StagedSchedule(program, inputs), rng)
         assert all(float(x.rad()) < 1e-90 for values in leaves.values() for x in values)
         q, qd, qdd = (
-            np.array([[float(leaves[node[n]][k].mid()) if n in node else 0.0 for n in some] for k in range(count)])
+            np.array(
+                [
+                    [
+                        float(leaves[node[n]][k].mid()) if n in node else 0.0
+                        for n in some
+                    ]
+                    for k in range(count)
+                ]
+            )
             for some in names
         )
     return q, qd, qdd
@@ -79,28 +93,46 @@ def test_states_are_closed(name: str) -> None:
     np.testing.assert_allclose(values, 0, atol=1e-13)
     np.testing.assert_allclose(slopes @ (qd / units)[:, :, None], 0, atol=1e-12)
     bias = assembly.closures.bias(q, qd)
-    np.testing.assert_allclose((slopes @ (qdd / units)[:, :, None])[..., 0] + bias, 0, atol=1e-11)
+    np.testing.assert_allclose(
+        (slopes @ (qdd / units)[:, :, None])[..., 0] + bias, 0, atol=1e-11
+    )
     assert np.abs(qd).max() > 0.1
     assert np.abs(qdd).max() > 0.1
 
 
-@pytest.mark.parametrize("name", ["four_bar", pytest.param("delta", marks=pytest.mark.slow), "bennett"])
+@pytest.mark.parametrize(
+    "name", ["four_bar", pytest.param("delta", marks=pytest.mark.slow), "bennett"]
+)
 def test_rows_have_the_null_space_of_the_closed_forms(name: str) -> None:
     base = ec.base_parameters(ec.load(LOOPS / f"{name}.yaml"))
     forms = virtual_power_form(base.mechanism)
     with flint.ctx.workprec(400):
         at = value_texts(base.mechanism, known_values(base.mechanism))
-        rows = np.array([[float(x.mid()) for x in row] for row in ball_rows(forms, at, 4, np.random.default_rng(1))])
+        rows = np.array(
+            [
+                [float(x.mid()) for x in row]
+                for row in ball_rows(forms, at, 4, np.random.default_rng(1))
+            ]
+        )
     reduced = rows[:, list(base.matrix.pivots)]
-    np.testing.assert_allclose(reduced @ base.B_float(), rows, atol=1e-12 * np.abs(rows).max())
+    np.testing.assert_allclose(
+        reduced @ base.B_float(), rows, atol=1e-12 * np.abs(rows).max()
+    )
 
 
 @pytest.mark.parametrize(
-    "outputs", ["outputs: [{joint: crank}, {wrench: tool}]\n", pytest.param("", marks=pytest.mark.slow)]
+    "outputs",
+    [
+        "outputs: [{joint: crank}, {wrench: tool}]\n",
+        pytest.param("", marks=pytest.mark.slow),
+    ],
 )
 def test_numbers_in_place_of_closed_forms(outputs: str) -> None:
     mechanism = read(TILTED + outputs)
-    closed, numbers = ec.base_parameters(mechanism), ec.base_parameters(mechanism, budget=0)
+    closed, numbers = (
+        ec.base_parameters(mechanism),
+        ec.base_parameters(mechanism, budget=0),
+    )
     assert closed.matrix.numbers is None
     assert numbers.matrix.numbers is not None
     assert 0 < numbers.matrix.numbers.radius < 1e-35
@@ -112,7 +144,11 @@ def test_numbers_in_place_of_closed_forms(outputs: str) -> None:
 
 def test_a_wrong_number_is_refused() -> None:
     text = to_json(ec.base_parameters(read(TILTED), budget=0))
-    wrong = re.sub(r'("coefficient": "-?\d{25})\d', lambda m: m.group(1) + str((int(m.group()[-1]) + 1) % 10), text)
+    wrong = re.sub(
+        r'("coefficient": "-?\d{25})\d',
+        lambda m: m.group(1) + str((int(m.group()[-1]) + 1) % 10),
+        text,
+    )
     assert wrong != text
     with pytest.raises(ec.CertificateError):
         ec.verify(from_json(wrong))
@@ -123,5 +159,8 @@ def test_a_box_without_a_solution_is_refused() -> None:
     forms = virtual_power_form(mechanism)
     assert forms.loops is not None
     at = {**value_texts(mechanism, known_values(mechanism)), "l4": "0.95"}
-    with flint.ctx.workprec(400), pytest.raises(DegenerateSampleError, match="do not close"):
+    with (
+        flint.ctx.workprec(400),
+        pytest.raises(DegenerateSampleError, match="do not close"),
+    ):
         ball_rows(forms, at, 1, np.random.default_rng(1))

@@ -30,18 +30,26 @@ effects: [{{parameter: S, unit: N·m, acts: [{{at: j1, term: "{term}"}}]}}]
         ("sin(q - 2*phi)", -0.6),
     ],
 )
-def test_springs_with_any_phase_count_to_the_first_moments(term: str, phase: float) -> None:
+def test_springs_with_any_phase_count_to_the_first_moments(
+    term: str, phase: float
+) -> None:
     """S sin(q + φ) is what a first moment does under gravity: g (MX cos q − MY sin q)."""
-    mechanism = read_description(PENDULUM.format(term=term), "pendulum.yaml", ReadingOptions())
+    mechanism = read_description(
+        PENDULUM.format(term=term), "pendulum.yaml", ReadingOptions()
+    )
     base = ec.base_parameters(mechanism)
     assert base.pivots == ("ZZ1", "MX1", "MY1", "ZZ2", "MX2", "MY2")
     seen = base.B_float()[1:3, base.parameters.index("S")]
-    np.testing.assert_allclose(seen, np.array([np.sin(phase), -np.cos(phase)]) / 9.81, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        seen, np.array([np.sin(phase), -np.cos(phase)]) / 9.81, rtol=0, atol=1e-15
+    )
 
 
 def test_a_phase_does_not_matter_at_other_harmonics() -> None:
     base = ec.base_parameters(
-        read_description(PENDULUM.format(term="sin(6*q + 0.3)"), "pendulum.yaml", ReadingOptions())
+        read_description(
+            PENDULUM.format(term="sin(6*q + 0.3)"), "pendulum.yaml", ReadingOptions()
+        )
     )
     q = np.linspace(-1, 1, 7)[:, None] * [1.0, 0.0]
     at_rest = base.regressor(q, 0 * q, 0 * q)[:, 0, base.pivots.index("S")]

@@ -22,7 +22,12 @@ from echelon.mechanism.joint import floating_motions, rotation, translation
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor import linear_forms
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import blocks_of, energy_changes, energy_form, virtual_power_form
+from echelon.regressor.linear_forms import (
+    blocks_of,
+    energy_changes,
+    energy_form,
+    virtual_power_form,
+)
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms
 
@@ -38,8 +43,14 @@ def energies(mechanism: Mechanism, q: list[float], qd: list[float]) -> dict[str,
 
 def slider() -> Mechanism:
     """A body that slides along the base's y axis from the point (0.3, 0.5, −0.2), with its axes turned about z."""
-    steps = (arms.place("3/10 1/2 -1/5"), translation("y", 1), arms.place("0 0 0", "0 0 pi/2"))
-    return arms.tree("slider", arms.body(1, 0, "prismatic", *steps), gravity="3/2 -2 -9.81")
+    steps = (
+        arms.place("3/10 1/2 -1/5"),
+        translation("y", 1),
+        arms.place("0 0 0", "0 0 pi/2"),
+    )
+    return arms.tree(
+        "slider", arms.body(1, 0, "prismatic", *steps), gravity="3/2 -2 -9.81"
+    )
 
 
 @pytest.mark.parametrize("y", [0.0, 0.7, -1.9])
@@ -63,7 +74,9 @@ def test_pendulum_rises_by_the_height_of_its_mass() -> None:
     first = arms.body(1, 0, "revolute", rotation("q", 1))
     second = arms.body(2, 1, "fixed", place)
     angle, rate, length = 0.6, 1.7, 0.5
-    found = energies(arms.tree("pendulum", first, second, gravity="0 0 -9.81"), [angle], [rate])
+    found = energies(
+        arms.tree("pendulum", first, second, gravity="0 0 -9.81"), [angle], [rate]
+    )
     height = -length * np.cos(angle)
     assert found["M2"] == pytest.approx(9.81 * height + (length * rate) ** 2 / 2)
     assert found["MZ1"] == pytest.approx(9.81 * np.cos(angle))
@@ -79,8 +92,14 @@ def small_models_too(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def chain(joints: int) -> Mechanism:
     """Skew axes on a floating base."""
-    base, place = arms.body(1, 0, "floating", *floating_motions("base")), arms.place("a 0 b", "pi/3 pi/4 0")
-    turns = (arms.body(k, k - 1, "revolute", place, rotation(f"q{k}")) for k in range(2, joints + 1))
+    base, place = (
+        arms.body(1, 0, "floating", *floating_motions("base")),
+        arms.place("a 0 b", "pi/3 pi/4 0"),
+    )
+    turns = (
+        arms.body(k, k - 1, "revolute", place, rotation(f"q{k}"))
+        for k in range(2, joints + 1)
+    )
     return arms.tree("chain", base, *turns)
 
 
@@ -91,9 +110,13 @@ def in_null_vectors(mechanism: Mechanism) -> tuple[set[int], set[int]]:
     field = PrimeField.random(rng)
     sampler = forms.sampler()
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
-    matrix = forms.stacked(sampler.evaluate(field, rng, forms.shape[1] + 8, geometry))[0]
+    matrix = forms.stacked(sampler.evaluate(field, rng, forms.shape[1] + 8, geometry))[
+        0
+    ]
     vectors = null_vectors(matrix, field)
-    return {c for v in vectors for c, entry in enumerate(v) if entry}, {c for _, c in forms.entries}
+    return {c for v in vectors for c, entry in enumerate(v) if entry}, {
+        c for _, c in forms.entries
+    }
 
 
 @settings(max_examples=25)
@@ -127,16 +150,31 @@ def test_blocks_hold_what_is_tied() -> None:
     assert [b.carried for b in blocks_of(plain)] == [(1,), (2,), (3,), (4,), (5,), ()]
     coupled = arms.tree("coupled", *plain.bodies, couplings={"q4": {"q2": "1"}})
     assert [b.bodies for b in blocks_of(coupled)] == [(0,), (1, 2, 3), (4,), (5,)]
-    assert [b.coordinates for b in blocks_of(coupled)] == [("q1",), ("q2", "q3"), ("q5",), ("q6",)]
-    bodies = tuple(replace(b, carried=()) if k in (3, 4) else b for k, b in enumerate(plain.bodies))
-    assert [b.bodies for b in blocks_of(replace(plain, bodies=bodies))] == [(0,), (1,), (2,), (3, 4, 5)]
+    assert [b.coordinates for b in blocks_of(coupled)] == [
+        ("q1",),
+        ("q2", "q3"),
+        ("q5",),
+        ("q6",),
+    ]
+    bodies = tuple(
+        replace(b, carried=()) if k in (3, 4) else b for k, b in enumerate(plain.bodies)
+    )
+    assert [b.bodies for b in blocks_of(replace(plain, bodies=bodies))] == [
+        (0,),
+        (1,),
+        (2,),
+        (3, 4, 5),
+    ]
     friction = ready_made("viscous", "q3", Side.JOINT, "3", sliding=False)
     assert [b.effects for b in blocks_of(replace(plain, effects=friction))][2] == (0,)
 
 
 def test_fingers_on_two_branches_are_one_block() -> None:
     hand = arms.body(1, 0, "revolute", rotation("q1"))
-    slides = [arms.body(k, 1, "prismatic", arms.place("0 b c"), translation(f"f{k}", 1)) for k in (2, 3)]
+    slides = [
+        arms.body(k, 1, "prismatic", arms.place("0 b c"), translation(f"f{k}", 1))
+        for k in (2, 3)
+    ]
     mechanism = arms.tree("hand", hand, *slides, couplings={"f3": {"f2": "-1"}})
     assert [b.bodies for b in blocks_of(mechanism)] == [(0,), (1, 2)]
 
@@ -155,12 +193,17 @@ def test_a_representative_too_many_is_refused(extra: str) -> None:
         row.pop(column, None)
     rows[column] = {column: RationalFunction(1)}
     pivots = tuple(sorted(rows))
-    claimed = BaseMatrix(matrix.parameters, pivots, tuple(rows[p] for p in pivots), matrix.order)
+    claimed = BaseMatrix(
+        matrix.parameters, pivots, tuple(rows[p] for p in pivots), matrix.order
+    )
     with pytest.raises(CertificateError, match="too large"):
         certify(virtual_power_form(mechanism), claimed, seed=5)
 
 
-@pytest.mark.parametrize("make", [arms.rx90, arms.stanford, arms.massless, arms.coupled, arms.rack, arms.branched])
+@pytest.mark.parametrize(
+    "make",
+    [arms.rx90, arms.stanford, arms.massless, arms.coupled, arms.rack, arms.branched],
+)
 def test_the_right_set_is_certified(make: object) -> None:
     mechanism = make()  # type: ignore[operator]
     base = ec.base_parameters(mechanism)

@@ -42,7 +42,9 @@ loops:
   - {name: end, joint: spherical, connects: [two, base], at: {xyz: [b, 0, 0]}, on_second: {xyz: [END]}}
 """
 
-UNIVERSAL = TIED.replace("JOINT", "universal, axis: x, axis2: y").replace("END", "0, 0, c")
+UNIVERSAL = TIED.replace("JOINT", "universal, axis: x, axis2: y").replace(
+    "END", "0, 0, c"
+)
 
 COUPLER = """
 symbols: {l1: 0.4, l2: 0.15, l3: 0.35, l4: 0.3}
@@ -123,13 +125,23 @@ assembly: {rod.w: 1, rod.y: -0.3, rocker: -0.5}
     "planar with a ball": Case(1, 8, PLANAR),
     "planar with a ball, the ball first": Case(1, 8, BALL_FIRST),
     "tied pendulum, universal": Case(
-        2, 8, TIED.replace("JOINT", "universal, axis: x, axis2: y").replace("END", "0, 0, c")
+        2,
+        8,
+        TIED.replace("JOINT", "universal, axis: x, axis2: y").replace("END", "0, 0, c"),
     ),
-    "tied pendulum, two balls": Case(3, 16, TIED.replace("JOINT", "spherical").replace("END", "c, 0, 0")),
-    "tied pendulum, hinge": Case(1, 1, TIED.replace("JOINT", "revolute, axis: z").replace("END", "0, 0, c")),
+    "tied pendulum, two balls": Case(
+        3, 16, TIED.replace("JOINT", "spherical").replace("END", "c, 0, 0")
+    ),
+    "tied pendulum, hinge": Case(
+        1, 1, TIED.replace("JOINT", "revolute, axis: z").replace("END", "0, 0, c")
+    ),
     "floating coupler": Case(1, 8, COUPLER),
-    "floating coupler, spherical": Case(1, 8, COUPLER.replace("joint: axes", "joint: spherical")),
-    "floating coupler, both hinges": Case(1, 8, COUPLER.replace("joint: axes", "joint: revolute")),
+    "floating coupler, spherical": Case(
+        1, 8, COUPLER.replace("joint: axes", "joint: spherical")
+    ),
+    "floating coupler, both hinges": Case(
+        1, 8, COUPLER.replace("joint: axes", "joint: revolute")
+    ),
     "connected freejoint": Case(
         2,
         14,
@@ -143,7 +155,9 @@ assembly: {rod.w: 1, rod.y: -0.3, rocker: -0.5}
 }
 
 
-@pytest.mark.parametrize("case", one_in(2, [pytest.param(c, id=n) for n, c in ZOO.items()]))
+@pytest.mark.parametrize(
+    "case", one_in(2, [pytest.param(c, id=n) for n, c in ZOO.items()])
+)
 def test_the_rank_is_that_of_closed_states(case: Case) -> None:
     mechanism = read(case.text)
     assert len(mechanism.independent_velocities) == case.freedom
@@ -166,5 +180,7 @@ loops:
 
 @pytest.mark.parametrize("text", [RCCC, STRETCHED])
 def test_loops_that_cannot_be_closed_are_refused(text: str) -> None:
-    with pytest.raises(ec.InputError, match=r"'end' \(.*\) can move infinitesimally, but not really"):
+    with pytest.raises(
+        ec.InputError, match=r"'end' \(.*\) can move infinitesimally, but not really"
+    ):
         read(text)

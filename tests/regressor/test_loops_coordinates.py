@@ -16,7 +16,16 @@ from support.paths import ROOT
 from support.zoo import ZOO
 
 EXAMPLES = ROOT / "examples" / "loops"
-LEG = ("hip-roll", "hip-yaw", "hip-pitch", "achilles-rod.x", "knee", "shin", "tarsus", "foot-crank")
+LEG = (
+    "hip-roll",
+    "hip-yaw",
+    "hip-pitch",
+    "achilles-rod.x",
+    "knee",
+    "shin",
+    "tarsus",
+    "foot-crank",
+)
 FLOATING = ("tx", "ty", "tz", "r.x", "r.y", "r.z")
 
 
@@ -36,7 +45,9 @@ def without_choice(text: str) -> ec.Mechanism:
     ],
 )
 def test_joints_near_the_base_are_taken(name: str, expected: str) -> None:
-    assert without_choice((EXAMPLES / f"{name}.yaml").read_text()).independent == tuple(expected.split())
+    assert without_choice((EXAMPLES / f"{name}.yaml").read_text()).independent == tuple(
+        expected.split()
+    )
 
 
 @pytest.mark.parametrize(
@@ -45,7 +56,10 @@ def test_joints_near_the_base_are_taken(name: str, expected: str) -> None:
         ("two cranks on a table", "crank plate.x plate.y"),
         ("two arms carrying", "l1 l2 box.x box.y box.z r1"),
         ("floating base, closed to the world", "base.r.x base.r.y base.r.z arm"),
-        ("four bar, floating base", "base.tx base.ty base.tz base.r.x base.r.y base.r.z crank"),
+        (
+            "four bar, floating base",
+            "base.tx base.ty base.tz base.r.x base.r.y base.r.z crank",
+        ),
     ],
 )
 def test_balls_are_taken_whole(name: str, expected: str) -> None:
@@ -66,7 +80,9 @@ def test_independent_positions_are_those_that_all_others_follow_from() -> None:
 
 @pytest.mark.parametrize("drive", ["rod1", "rod2"])
 def test_driven_coordinates_come_first(drive: str) -> None:
-    text = (EXAMPLES / "gough_stewart.yaml").read_text() + f"actuators: {{motor: 100*{drive}}}\n"
+    text = (
+        EXAMPLES / "gough_stewart.yaml"
+    ).read_text() + f"actuators: {{motor: 100*{drive}}}\n"
     assert drive in without_choice(text).independent
 
 
@@ -79,11 +95,21 @@ def test_legs_with_rods_between_balls() -> None:
 
 def test_the_part_of_a_ball_is_that_which_turns_most_and_is_noted() -> None:
     mechanism = read(ZOO["rod, connects at both ends"].text)
-    assert mechanism.independent == ("hip", "knee", "rod.r.z")  # the rod lies along its z axis
+    assert mechanism.independent == (
+        "hip",
+        "knee",
+        "rod.r.z",
+    )  # the rod lies along its z axis
     spin = np.abs(Assembly(mechanism).free_velocities(Assembly(mechanism).pose))
-    assert spin[mechanism.velocities.index("rod.r.z")].max() > spin[mechanism.velocities.index("rod.r.x")].max()
+    assert (
+        spin[mechanism.velocities.index("rod.r.z")].max()
+        > spin[mechanism.velocities.index("rod.r.x")].max()
+    )
     notes = ec.base_parameters(mechanism, budget=0).reading.notes
-    assert any("spin of a rod between two ball joints: 'rod.r.z' is independent" in note for note in notes)
+    assert any(
+        "spin of a rod between two ball joints: 'rod.r.z' is independent" in note
+        for note in notes
+    )
 
 
 @pytest.mark.parametrize("tied", [("crank", "rocker"), ("crank", "coupler", "rocker")])
@@ -92,7 +118,10 @@ def test_tied_coordinates_are_refused(tied: tuple[str, ...]) -> None:
     with pytest.raises(ec.InputError, match=r"not \d.*follows from the others"):
         read(
             re.sub(
-                r"^independent:.*", f"independent: [{', '.join(tied)}]", text.replace("echelon: 1\n", ""), flags=re.M
+                r"^independent:.*",
+                f"independent: [{', '.join(tied)}]",
+                text.replace("echelon: 1\n", ""),
+                flags=re.M,
             )
         )
     mechanism = replace(read(text.replace("echelon: 1\n", "")), independent=tied)

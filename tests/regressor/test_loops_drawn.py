@@ -35,7 +35,11 @@ def shown(numbers: Sequence[Fraction]) -> str:
 
 # of a leg: where it starts, its length, its direction and two that are perpendicular to it
 LEGS = [
-    (vector(*start), Fraction(length, 20), *(vector(*(Fraction(x, size) for x in row)) for row in rows))
+    (
+        vector(*start),
+        Fraction(length, 20),
+        *(vector(*(Fraction(x, size) for x in row)) for row in rows),
+    )
     for start, length, size, rows in (
         ((0.5, 0.1, 0), 14, 5, ((3, 0, 4), (0, 5, 0), (4, 0, -3))),
         ((0.1, 0.6, 0), 16, 5, ((-3, 0, 4), (0, 5, 0), (4, 0, 3))),
@@ -61,15 +65,34 @@ def platform(low: str, middle: str, high: str) -> str:
     for k, (start, length, along, one, two) in enumerate(LEGS):
         below, last = start, "base"
         if not middle:
-            last, below = robot.body(f"crank{k}", "base", start, turn(CRANKS[k][0])), beyond(start, CRANKS[k][1], 1)
+            last, below = (
+                robot.body(f"crank{k}", "base", start, turn(CRANKS[k][0])),
+                beyond(start, CRANKS[k][1], 1),
+            )
         joints = {"S": ["spherical"], "U": [turn(one), turn(two)]}[low]
-        slide = {"P": [f"prismatic, axis: {shown(along)}"], "C": [f"cylindrical, axis: {shown(along)}"], "": []}[middle]
+        slide = {
+            "P": [f"prismatic, axis: {shown(along)}"],
+            "C": [f"cylindrical, axis: {shown(along)}"],
+            "": [],
+        }[middle]
         last = robot.chain(f"leg{k}_", last, *((below, joint) for joint in joints))
-        last = robot.chain(f"rod{k}_", last, *((beyond(below, along, length / 2), s) for s in slide))
-        joints = {"S": ["spherical"], "U": [turn(two), turn(one)], "RRR": [turn(axis) for axis in "xyz"]}[high]
+        last = robot.chain(
+            f"rod{k}_", last, *((beyond(below, along, length / 2), s) for s in slide)
+        )
+        joints = {
+            "S": ["spherical"],
+            "U": [turn(two), turn(one)],
+            "RRR": [turn(axis) for axis in "xyz"],
+        }[high]
         top = beyond(below, along, length)
-        end = robot.chain(f"end{k}_", last, *((top, joint) for joint in joints[:-1])) if joints[1:] else last
-        robot.loop(end, "top", top, joints[-1]) if k else robot.body("top", end, top, joints[-1])
+        end = (
+            robot.chain(f"end{k}_", last, *((top, joint) for joint in joints[:-1]))
+            if joints[1:]
+            else last
+        )
+        robot.loop(end, "top", top, joints[-1]) if k else robot.body(
+            "top", end, top, joints[-1]
+        )
     return robot.text
 
 
@@ -79,7 +102,9 @@ def crossed(ball: str, numbers: bool) -> str:
     names = values if numbers else {name: name for name in values}
     robot = Drawn("1, -2, -9.81")
     robot.body("crank", "base", (0, 0, 0))
-    axes = {"spherical": ["spherical"], "revolutes": [turn(axis) for axis in "zyx"]}[ball]
+    axes = {"spherical": ["spherical"], "revolutes": [turn(axis) for axis in "zyx"]}[
+        ball
+    ]
     robot.bodies += [
         f"{{name: rod{k}, parent: {f'rod{k - 1}' if k else 'crank'}, joint: {{type: {joint}, "
         f"origin: {{xyz: [{0 if k else names['a']}, 0, 0]}}}}}}"
@@ -90,7 +115,11 @@ def crossed(ball: str, numbers: bool) -> str:
         f"{{joint: spherical, connects: [rod{len(axes) - 1}, rocker], at: {{xyz: [{names['b']}, {names['c']}, 0]}}, "
         f"on_second: {{xyz: [0.05, {names['d']}, {names['c']}]}}}}"
     )
-    return ("" if numbers else f"symbols: {{{', '.join(f'{n}: {v}' for n, v in values.items())}}}\n") + robot.text
+    return (
+        ""
+        if numbers
+        else f"symbols: {{{', '.join(f'{n}: {v}' for n, v in values.items())}}}\n"
+    ) + robot.text
 
 
 RSCR = """symbols: {a: 0.1, h: 0.2, r: 0.25}
@@ -133,10 +162,14 @@ def hand(fingers: int) -> str:
     robot = Drawn()
     robot.body("palm", "base", (0, 0, 0))
     for k in range(fingers):
-        c, s = (Fraction(4, 5), Fraction(3, 5)) if k == 1 else (Fraction(1), Fraction(0))
+        c, s = (
+            (Fraction(4, 5), Fraction(3, 5)) if k == 1 else (Fraction(1), Fraction(0))
+        )
         axis = turn(vector(s, c, 0))
 
-        def point(x: str, z: str, k: int = k, c: Fraction = c, s: Fraction = s) -> Point:
+        def point(
+            x: str, z: str, k: int = k, c: Fraction = c, s: Fraction = s
+        ) -> Point:
             return vector(Fraction(x) * c, Fraction(k, 20) - Fraction(x) * s, z)
 
         robot.body(f"near{k}", "palm", point("0", "0.1"), axis)
@@ -172,7 +205,15 @@ TALOS = (
         ("crank", "thigh", ("-0.05", "0.04", "0.7"), Y),
         ("rod", "crank", ("-0.11", "0.04", "0.71"), BALL),
         *((f"motor{y}", "shank", ("0", f"{y}0.05", "0.45"), Y) for y in ("", "-")),
-        *((f"push{y}", f"motor{y}", ("-0.06", f"{y}0.05", "0.44"), "universal, axis: y, axis2: x") for y in ("", "-")),
+        *(
+            (
+                f"push{y}",
+                f"motor{y}",
+                ("-0.06", f"{y}0.05", "0.44"),
+                "universal, axis: y, axis2: x",
+            )
+            for y in ("", "-")
+        ),
     ],
     [
         ("rod", "shank", ("-0.07", "0.04", "0.55"), BALL),
@@ -193,7 +234,10 @@ CASSIE = (
         ("crank", "tarsus", ("0.44", "0.01", "0.45"), Y),
         ("plantar", "crank", ("0.4", "0.01", "0.46"), "universal, axis: y, axis2: z"),
     ],
-    [("rod", "heel", ("0.43", "0.02", "0.4"), BALL), ("plantar", "toe", ("0.27", "0.02", "0.19"), BALL)],
+    [
+        ("rod", "heel", ("0.43", "0.02", "0.4"), BALL),
+        ("plantar", "toe", ("0.27", "0.02", "0.19"), BALL),
+    ],
 )
 WISHBONES = (
     [
@@ -204,7 +248,10 @@ WISHBONES = (
         ("tie", "rack", ("-0.12", "0.22", "0.26"), "universal, axis: x, axis2: z"),
         ("wheel", "hub", ("0", "0.65", "0.3"), turn("[0, 3/5, 4/5]")),
     ],
-    [("hub", "upper", ("0.03", "0.55", "0.47"), BALL), ("tie", "hub", ("-0.11", "0.58", "0.24"), BALL)],
+    [
+        ("hub", "upper", ("0.03", "0.55", "0.47"), BALL),
+        ("tie", "hub", ("-0.11", "0.58", "0.24"), BALL),
+    ],
 )
 PUSHROD = (
     [
@@ -250,4 +297,7 @@ def test_drawn_mechanisms(name: str, tmp_path: Path) -> None:
     text, file = CASES[name](), tmp_path / "robot.yaml"
     file.write_text(f"echelon: 1\n{text}", encoding="utf-8")
     mechanism, truth = ec.load(file), rank(described(text))
-    assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (truth.freedom, truth.rank)
+    assert (mechanism.degrees_of_freedom, ec.base_structure(mechanism).rank) == (
+        truth.freedom,
+        truth.rank,
+    )

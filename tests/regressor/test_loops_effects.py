@@ -32,24 +32,45 @@ effects:
             marks=pytest.mark.slow,
         ),
         pytest.param(
-            "[{type: viscous, at: all, side: joint}, {type: coulomb, at: all}]", 8 + 4, marks=pytest.mark.slow
+            "[{type: viscous, at: all, side: joint}, {type: coulomb, at: all}]",
+            8 + 4,
+            marks=pytest.mark.slow,
         ),
-        ("[{type: asymmetric_coulomb, at: all}, {type: rotor_inertia, at: all}, {type: drive_gain, at: all}]", 8 + 3),
-        pytest.param("[{type: stribeck, velocity: 0.05, at: all, side: joint}]", 8 + 3, marks=pytest.mark.slow),
+        (
+            "[{type: asymmetric_coulomb, at: all}, {type: rotor_inertia, at: all}, {type: drive_gain, at: all}]",
+            8 + 3,
+        ),
         pytest.param(
-            "[{type: stribeck, velocity: 0.05, exponent: 1, at: all, side: joint}]", 8 + 3, marks=pytest.mark.slow
+            "[{type: stribeck, velocity: 0.05, at: all, side: joint}]",
+            8 + 3,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "[{type: stribeck, velocity: 0.05, exponent: 1, at: all, side: joint}]",
+            8 + 3,
+            marks=pytest.mark.slow,
         ),
         ("[{type: spring, at: [coupler, rocker], side: joint}]", 8 + 4),
         # what primes know no relations of is compared in balls
-        ("[{parameter: Fz, unit: N·m, acts: [{at: rocker, term: 'sign(qd)*sqrt(abs(qd))', side: joint}]}]", 8 + 1),
-        ("[{parameter: Fz, unit: N·m, acts: [{at: coupler, term: 'atan(5*qd)', side: joint}]}]", 8 + 1),
+        (
+            "[{parameter: Fz, unit: N·m, acts: [{at: rocker, term: 'sign(qd)*sqrt(abs(qd))', side: joint}]}]",
+            8 + 1,
+        ),
+        (
+            "[{parameter: Fz, unit: N·m, acts: [{at: coupler, term: 'atan(5*qd)', side: joint}]}]",
+            8 + 1,
+        ),
     ],
 )
 def test_friction_and_springs_in_loops(effects: str, rank: int) -> None:
     mechanism = read(FRICTION + "  " + effects)
     base = ec.base_parameters(mechanism)
     assert base.rank == rank
-    inputs = {"crank": np.random.default_rng(1).uniform(-1, 1, 200)} if "gain" in effects else None
+    inputs = (
+        {"crank": np.random.default_rng(1).uniform(-1, 1, 200)}
+        if "gain" in effects
+        else None
+    )
     table = base.standard_regressor(*states(mechanism, 200), inputs=inputs)[:, 0]
     table = table / np.abs(table).max(axis=0).clip(1e-9)
     assert np.linalg.matrix_rank(table, tol=1e-9 * np.linalg.norm(table, 2)) == rank
@@ -57,7 +78,11 @@ def test_friction_and_springs_in_loops(effects: str, rank: int) -> None:
 
 def test_exponentials_that_loops_tie_together_are_compared_in_balls() -> None:
     """Bars that stay parallel turn equally fast, so their Stribeck friction adds up."""
-    text = FRICTION.replace("l3: 0.35, l4: 0.3", "l3: 0.4, l4: 0.15").replace("[l3,", "[l1,").replace("[l4,", "[l2,")
+    text = (
+        FRICTION.replace("l3: 0.35, l4: 0.3", "l3: 0.4, l4: 0.15")
+        .replace("[l3,", "[l1,")
+        .replace("[l4,", "[l2,")
+    )
     text = text.replace("coupler: -0.4, rocker: 1.6", "coupler: -1.0, rocker: 1.0")
     effects = "  [{type: stribeck, velocity: 0.05, at: all, side: joint}]"
     base = ec.base_parameters(read(text + effects))

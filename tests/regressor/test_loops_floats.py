@@ -33,7 +33,11 @@ ALL = [pytest.param(m, id=m.name) for m in linkages.everything()]
 
 
 def regressor(mechanism: Mechanism, *state: FloatArray) -> FloatArray:
-    return evaluate_floats(virtual_power_form(mechanism), mechanism, *completed(Assembly(mechanism), *state))
+    return evaluate_floats(
+        virtual_power_form(mechanism),
+        mechanism,
+        *completed(Assembly(mechanism), *state),
+    )
 
 
 # -- forces ------------------------------------------------------------------------------------------------------------
@@ -43,18 +47,32 @@ def regressor(mechanism: Mechanism, *state: FloatArray) -> FloatArray:
 def test_forces_are_those_with_lagrange_multipliers(mechanism: Mechanism) -> None:
     zeta, states = random_parameters(mechanism), closed_states(mechanism)
     model = Constrained(mechanism, zeta)
-    expected = np.array([model.dynamics(*state)[0] for state in zip(*states, strict=True)])
+    expected = np.array(
+        [model.dynamics(*state)[0] for state in zip(*states, strict=True)]
+    )
     found = regressor(mechanism, *states) @ zeta
     np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
 
 
 def test_sensors_in_a_loop_see_the_load_that_the_loop_carries() -> None:
-    mechanism, kinds = linkages.rssr(), [(False, k) for k in range(3)] + [(True, k) for k in range(3)]
-    cuts = [Cut(body, Placement(), False, axis, angular) for body in range(3) for angular, axis in kinds]
-    sensed = replace(mechanism, measured=tuple(plain(f"s{k}", "N", cut) for k, cut in enumerate(cuts)))
+    mechanism, kinds = (
+        linkages.rssr(),
+        [(False, k) for k in range(3)] + [(True, k) for k in range(3)],
+    )
+    cuts = [
+        Cut(body, Placement(), False, axis, angular)
+        for body in range(3)
+        for angular, axis in kinds
+    ]
+    sensed = replace(
+        mechanism,
+        measured=tuple(plain(f"s{k}", "N", cut) for k, cut in enumerate(cuts)),
+    )
     zeta, states = random_parameters(sensed), closed_states(sensed)
     model = Constrained(mechanism, zeta)
-    expected = np.array([np.concatenate(model.wrenches(*state)) for state in zip(*states, strict=True)])
+    expected = np.array(
+        [np.concatenate(model.wrenches(*state)) for state in zip(*states, strict=True)]
+    )
     found = regressor(sensed, *states) @ zeta
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
@@ -62,10 +80,17 @@ def test_sensors_in_a_loop_see_the_load_that_the_loop_carries() -> None:
 def test_the_whole_mechanism_stands_on_its_base() -> None:
     # the base carries all bodies, however the loop shares the load between its two bearings
     mechanism = linkages.four_bar()
-    cuts = tuple(plain(f"f{'xyz'[k]}", "N", Cut(GROUND, Placement(), False, k, False)) for k in range(3))
-    weight = regressor(replace(mechanism, measured=cuts), *(np.zeros((1, 1)) for _ in range(3)))[0]
+    cuts = tuple(
+        plain(f"f{'xyz'[k]}", "N", Cut(GROUND, Placement(), False, k, False))
+        for k in range(3)
+    )
+    weight = regressor(
+        replace(mechanism, measured=cuts), *(np.zeros((1, 1)) for _ in range(3))
+    )[0]
     masses = [mechanism.parameters.index(f"M{k}") for k in (1, 2, 3)]
-    np.testing.assert_allclose(weight[:, masses], np.outer([0, 9.81, 0], np.ones(3)), atol=1e-10)
+    np.testing.assert_allclose(
+        weight[:, masses], np.outer([0, 9.81, 0], np.ones(3)), atol=1e-10
+    )
 
 
 def test_a_slider_crank_by_its_textbook_formula() -> None:
@@ -74,24 +99,42 @@ def test_a_slider_crank_by_its_textbook_formula() -> None:
     sine, cosine, ratio = np.sin(angle), np.cos(angle), 0.2 / 0.5
     root = np.sqrt(1 - (ratio * sine) ** 2)
     slope = -0.2 * (sine + ratio * sine * cosine / root)
-    curve = -0.2 * (cosine + ratio * (np.cos(2 * angle) / root + (ratio * sine * cosine) ** 2 / root**3))
+    curve = -0.2 * (
+        cosine
+        + ratio * (np.cos(2 * angle) / root + (ratio * sine * cosine) ** 2 / root**3)
+    )
     expected = (slope * gain + curve * rate**2) * slope
     x = regressor(mechanism, angle[:, None], rate[:, None], gain[:, None])
-    np.testing.assert_allclose(x[:, 0, mechanism.parameters.index("M3")], expected, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(
+        x[:, 0, mechanism.parameters.index("M3")], expected, rtol=1e-9, atol=1e-11
+    )
 
 
 def test_friction_in_passive_joints_and_transmissions() -> None:
     mechanism = linkages.rssr()
     friction = Effect("Fv9", "N·m·s/rad", (Action("q2", Side.JOINT, "qd"),))
     one = Polynomial.constant(1)
-    drives = (Actuator("m1", (("q1", one), ("rod.x", one))), Actuator("m2", (("q1", one), ("rod.x", -one))))
+    drives = (
+        Actuator("m1", (("q1", one), ("rod.x", one))),
+        Actuator("m2", (("q1", one), ("rod.x", -one))),
+    )
     driven = replace(mechanism, effects=(friction,), actuators=drives)
     states = closed_states(mechanism)
-    x, plain_x = regressor(driven, *states), regressor(replace(driven, actuators=()), *states)
-    np.testing.assert_allclose(np.array([[1, 1], [1, -1]]).T @ x, plain_x, atol=1e-10 * np.abs(x).max())
+    x, plain_x = (
+        regressor(driven, *states),
+        regressor(replace(driven, actuators=()), *states),
+    )
+    np.testing.assert_allclose(
+        np.array([[1, 1], [1, -1]]).T @ x, plain_x, atol=1e-10 * np.abs(x).max()
+    )
     passive = mechanism.velocities.index("q2")
-    slopes = [velocities(Assembly(mechanism), states[0], np.tile(unit, (6, 1)))[:, passive] for unit in np.eye(2)]
-    np.testing.assert_allclose(plain_x[:, :, -1], np.transpose(slopes) * states[1][:, passive, None], atol=1e-9)
+    slopes = [
+        velocities(Assembly(mechanism), states[0], np.tile(unit, (6, 1)))[:, passive]
+        for unit in np.eye(2)
+    ]
+    np.testing.assert_allclose(
+        plain_x[:, :, -1], np.transpose(slopes) * states[1][:, passive, None], atol=1e-9
+    )
 
 
 MJCF = """
@@ -122,11 +165,19 @@ MJCF = """
 )
 def test_forces_are_those_of_mujoco(tmp_path: Path, axis: str, equality: str) -> None:
     (tmp_path / "loop.xml").write_text(MJCF.format(axis=axis, equality=equality))
-    mechanism, model = ec.load(tmp_path / "loop.xml"), mujoco.MjModel.from_xml_path(str(tmp_path / "loop.xml"))
-    data, chosen = mujoco.MjData(model), np.eye(model.nv)[independent_columns(mechanism)]
+    mechanism, model = (
+        ec.load(tmp_path / "loop.xml"),
+        mujoco.MjModel.from_xml_path(str(tmp_path / "loop.xml")),
+    )
+    data, chosen = (
+        mujoco.MjData(model),
+        np.eye(model.nv)[independent_columns(mechanism)],
+    )
     states = closed_states(mechanism)
     zeta = np.array(mechanism.standard_values(), dtype=float)
-    for state, found in zip(zip(*states, strict=True), regressor(mechanism, *states) @ zeta, strict=True):
+    for state, found in zip(
+        zip(*states, strict=True), regressor(mechanism, *states) @ zeta, strict=True
+    ):
         data.qpos[:], data.qvel[:], _ = state
         model.opt.disableflags = 0
         mujoco.mj_forward(model, data)
@@ -139,16 +190,25 @@ def test_forces_are_those_of_mujoco(tmp_path: Path, axis: str, equality: str) ->
         matrix = np.vstack([chosen, constraints]).T
         expected = np.linalg.lstsq(matrix, data.qfrc_inverse, rcond=1e-9)[0]
         np.testing.assert_allclose(matrix @ expected, data.qfrc_inverse, atol=1e-7)
-        np.testing.assert_allclose(found, expected[: len(chosen)], atol=1e-8 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            found, expected[: len(chosen)], atol=1e-8 * np.abs(expected).max()
+        )
 
 
 def crank_motion(time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return (1 + 2 * np.sin(time))[:, None], (2 * np.cos(time))[:, None], (-2 * np.sin(time))[:, None]
+    return (
+        (1 + 2 * np.sin(time))[:, None],
+        (2 * np.cos(time))[:, None],
+        (-2 * np.sin(time))[:, None],
+    )
 
 
 def leg_motion(time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     lengths = np.array([0.766, 0.772, 0.774, 0.771, 0.774, 0.766])
-    size, phase = 0.05 * np.array([1, -1, 0.5, 0.8, -0.6, 0.3]), time[:, None] + np.arange(6)
+    size, phase = (
+        0.05 * np.array([1, -1, 0.5, 0.8, -0.6, 0.3]),
+        time[:, None] + np.arange(6),
+    )
     return lengths + size * np.sin(phase), size * np.cos(phase), -size * np.sin(phase)
 
 
@@ -157,7 +217,9 @@ def leg_motion(time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     [(linkages.four_bar, crank_motion), (lambda: ec.load(GOUGH_STEWART), leg_motion)],
     ids=["four-bar", "Gough-Stewart"],
 )
-def test_work_becomes_energy(make: Callable[[], Mechanism], motion: Callable[..., tuple[FloatArray, ...]]) -> None:
+def test_work_becomes_energy(
+    make: Callable[[], Mechanism], motion: Callable[..., tuple[FloatArray, ...]]
+) -> None:
     mechanism, h = make(), 1e-3
     zeta, instants = random_parameters(mechanism), np.linspace(0, 6, 5)
     assembly, model = Assembly(mechanism), Constrained(mechanism, zeta)
@@ -165,8 +227,12 @@ def test_work_becomes_energy(make: Callable[[], Mechanism], motion: Callable[...
     q, qd, qdd = motion(times)
     full = assembly.from_independent(q)
     speeds = velocities(assembly, full, qd)
-    energy = np.array([model.energy(*state) for state in zip(full, speeds, strict=True)]).reshape(-1, 5)
-    gained = (8 * (energy[:, 3] - energy[:, 1]) - (energy[:, 4] - energy[:, 0])) / (12 * h)
+    energy = np.array(
+        [model.energy(*state) for state in zip(full, speeds, strict=True)]
+    ).reshape(-1, 5)
+    gained = (8 * (energy[:, 3] - energy[:, 1]) - (energy[:, 4] - energy[:, 0])) / (
+        12 * h
+    )
     power = np.einsum("ijk,k,ij->i", regressor(mechanism, q, qd, qdd), zeta, qd)[2::5]
     np.testing.assert_allclose(power, gained, atol=1e-8 * np.abs(gained).max())
 
@@ -177,6 +243,10 @@ def test_states_of_all_or_of_independent_coordinates() -> None:
     q, qd, qdd = random_states(base, np.random.default_rng(3))
     x = base.standard_regressor(q, qd, qdd)
     assert x.shape == (len(q), 1, 30)
-    np.testing.assert_allclose(base.regressor(q, qd, qdd) @ base.B_float(), x, atol=1e-9)
-    np.testing.assert_allclose(base.standard_regressor(q[:, :1], qd[:, :1], qdd[:, :1]), x, atol=1e-9)
+    np.testing.assert_allclose(
+        base.regressor(q, qd, qdd) @ base.B_float(), x, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        base.standard_regressor(q[:, :1], qd[:, :1], qdd[:, :1]), x, atol=1e-9
+    )
     assert np.linalg.matrix_rank(x[:, 0], rtol=1e-9) == base.rank

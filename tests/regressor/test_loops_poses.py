@@ -26,7 +26,9 @@ def sliding(name: str, axis: str) -> str:
     return f"  - {{name: {name}, parent: base, joint: {{type: prismatic, axis: {axis}}}}}\n"
 
 
-def pin(first: str, second: str, at: str, on: str, kind: str = "joint: revolute") -> str:
+def pin(
+    first: str, second: str, at: str, on: str, kind: str = "joint: revolute"
+) -> str:
     return f"  - {{{kind}, connects: [{first}, {second}], at: {{xyz: [{at}]}}, on_second: {{xyz: [{on}]}}}}\n"
 
 
@@ -37,7 +39,9 @@ def robot(symbols: str, bodies: str, loops: str, gravity: str = "0, -9.81, 0") -
 def four_bar(symbols: str, ground: str, crank: str, coupler: str, rocker: str) -> str:
     bodies = turning("crank", "base") + turning("coupler", "crank", f"{crank}, 0, 0")
     bodies += turning("rocker", "base", f"{ground}, 0, 0")
-    return robot(symbols, bodies, pin("coupler", "rocker", f"{coupler}, 0, 0", f"{rocker}, 0, 0"))
+    return robot(
+        symbols, bodies, pin("coupler", "rocker", f"{coupler}, 0, 0", f"{rocker}, 0, 0")
+    )
 
 
 PLANE = "joint: point_on_plane, axis: x"
@@ -47,7 +51,9 @@ MECHANISMS = {
     "rhombus": four_bar("a: 0.3", "a", "a", "a", "a"),
     "isosceles slider-crank": robot(
         "a: 0.3",
-        turning("crank", "base") + turning("rod", "crank", "a, 0, 0") + sliding("piston", "x"),
+        turning("crank", "base")
+        + turning("rod", "crank", "a, 0, 0")
+        + sliding("piston", "x"),
         pin("rod", "piston", "a, 0, 0", "0, 0, 0"),
     ),
     "trammel": robot(
@@ -64,7 +70,8 @@ MECHANISMS = {
         + turning("plate", "upper", "a, 0, 0")
         + turning("rod2", "plate", "0, b, 0")
         + turning("wrist", "fore", "c, 0, 0"),
-        pin("rod1", "plate", "a, 0, 0", "0, b, 0") + pin("rod2", "wrist", "c, 0, 0", "0, b, 0"),
+        pin("rod1", "plate", "a, 0, 0", "0, b, 0")
+        + pin("rod2", "wrist", "c, 0, 0", "0, b, 0"),
         "0, 0, -9.81",
     ),
     "redundant picker": robot(
@@ -89,7 +96,9 @@ MECHANISMS = {
     ),
     "spherical four-bar": robot(
         "",
-        turning("j1", "base") + turning("j2", "j1", rpy="pi/3, 0, 0") + turning("j3", "base", rpy="pi/4, 0, 0"),
+        turning("j1", "base")
+        + turning("j2", "j1", rpy="pi/3, 0, 0")
+        + turning("j3", "base", rpy="pi/4, 0, 0"),
         "  - {joint: revolute, connects: [j2, j3], at: {rpy: [pi/4, 0, 0]}, on_second: {rpy: [pi/3, 0, 0]}}\n",
     ),
     "Bennett": robot(
@@ -111,15 +120,21 @@ def at_random_poses(name: str, count: int, seed: int) -> Iterator[Mechanism]:
     """The mechanism with random closed poses as the stated ones."""
     mechanism, rng = read(MECHANISMS[name]), np.random.default_rng(seed)
     assembly = Assembly(mechanism)
-    q, done = assembly.closed(rng.uniform(-2.5, 2.5, (20 * count, len(mechanism.positions))))
+    q, done = assembly.closed(
+        rng.uniform(-2.5, 2.5, (20 * count, len(mechanism.positions)))
+    )
     for pose in q[done][:count]:
-        stated = ", ".join(f"{n}: {x:.12f}" for n, x in zip(mechanism.positions, pose, strict=True))
+        stated = ", ".join(
+            f"{n}: {x:.12f}" for n, x in zip(mechanism.positions, pose, strict=True)
+        )
         yield read(f"{MECHANISMS[name]}assembly: {{{stated}}}\n")
 
 
 def rank_near(mechanism: Mechanism) -> int:
     """Rank of rows at closed states near the stated pose, by the widest gap of their singular values."""
-    real = Assembly(mechanism).random_closed_states(np.random.default_rng(3), 100, moves=1)
+    real = Assembly(mechanism).random_closed_states(
+        np.random.default_rng(3), 100, moves=1
+    )
     rows = evaluate_floats(virtual_power_form(mechanism), mechanism, *real)
     singular = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
     singular = np.maximum(singular / singular[0], 1e-13)
@@ -145,7 +160,11 @@ def test_the_mode_is_right_at_many_poses(name: str) -> None:
 
 
 def test_what_is_in_no_loop_stays_at_its_stated_pose() -> None:
-    arm = turning("arm", "base") + turning("crank", "arm", "0.1, 0, 0") + turning("coupler", "crank", "0.15, 0, 0")
+    arm = (
+        turning("arm", "base")
+        + turning("crank", "arm", "0.1, 0, 0")
+        + turning("coupler", "crank", "0.15, 0, 0")
+    )
     arm += turning("rocker", "arm", "0.5, 0, 0")
     text = robot("", arm, pin("coupler", "rocker", "0.35, 0, 0", "0.3, 0, 0"))
     assert Assembly(read(f"{text}assembly: {{arm: 0.4}}\n")).pose[0] == 0.4
@@ -153,6 +172,8 @@ def test_what_is_in_no_loop_stays_at_its_stated_pose() -> None:
 
 def test_a_coordinate_that_stands_still_is_not_drawn() -> None:
     """A kite folded onto its ground: the crank rests, coupler and rocker turn together."""
-    folded = read(f"{MECHANISMS['kite']}assembly: {{crank: 0, coupler: 1, rocker: 1}}\n")
+    folded = read(
+        f"{MECHANISMS['kite']}assembly: {{crank: 0, coupler: 1, rocker: 1}}\n"
+    )
     assert ec.base_structure(folded).rank == 3
     assert folded.independent != ("crank",)

@@ -18,14 +18,38 @@ from support.selection import slow_unless
 SEEDS = range(160)
 FRAMED = [seed for seed in SEEDS if may_be_turned(RandomLinkage(seed).text())]
 SAID = (
-    dict.fromkeys((6, 9, 33, 63, 93, 94, 96, 107, 142), "can move infinitesimally, but not really|not proved to close")
+    dict.fromkeys(
+        (6, 9, 33, 63, 93, 94, 96, 107, 142),
+        "can move infinitesimally, but not really|not proved to close",
+    )
     | dict.fromkeys((74, 150), "leave no motion")
     | {41: "last decimals do not tell"}
-    | dict.fromkeys((32, 52), "the assembly pose is singular, .* state a pose away from it")
+    | dict.fromkeys(
+        (32, 52), "the assembly pose is singular, .* state a pose away from it"
+    )
     | dict.fromkeys((15, 47), "follows from the others .*  Write  independent: ")
     | {129: "can move infinitesimally, but not really"}
     | dict.fromkeys(
-        (13, 28, 39, 43, 48, 68, 85, 90, 99, 100, 101, 102, 111, 114, 117, 137, 139, 149),
+        (
+            13,
+            28,
+            39,
+            43,
+            48,
+            68,
+            85,
+            90,
+            99,
+            100,
+            101,
+            102,
+            111,
+            114,
+            117,
+            137,
+            139,
+            149,
+        ),
         "hold nothing that can move: leave them out",
     )
 )
@@ -58,7 +82,9 @@ def check(text: str, exact: str, file: Path, said: str | None) -> None:
         assert re.search(said, found)
     else:
         truth = rank(described(exact))
-        assert found == (truth.freedom, truth.rank) or (isinstance(found, str) and names(found, truth.rank))
+        assert found == (truth.freedom, truth.rank) or (
+            isinstance(found, str) and names(found, truth.rank)
+        )
 
 
 @pytest.mark.parametrize("seed", slow_unless(range(10), SEEDS))
@@ -68,6 +94,13 @@ def test_the_rank_is_that_of_closed_states(seed: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", slow_unless(FRAMED[:5], FRAMED))
-def test_rounded_numbers_in_random_frames_are_read_as_they_are_meant(seed: int, tmp_path: Path) -> None:
+def test_rounded_numbers_in_random_frames_are_read_as_they_are_meant(
+    seed: int, tmp_path: Path
+) -> None:
     text = RandomLinkage(seed).text()
-    check(in_random_frames(text, seed, 6), text, tmp_path / "robot.yaml", SAID_OF_ROUNDED.get(seed))
+    check(
+        in_random_frames(text, seed, 6),
+        text,
+        tmp_path / "robot.yaml",
+        SAID_OF_ROUNDED.get(seed),
+    )

@@ -55,7 +55,11 @@ def test_four_bar_without_gravity() -> None:
 
 
 def test_parallelogram() -> None:
-    assert expressions(PARALLELOGRAM) == ["ZZ1 + l2²·M2 + ZZ3", "MX1 + l2·M2 + MX3", "MY1 + MY3"]
+    assert expressions(PARALLELOGRAM) == [
+        "ZZ1 + l2²·M2 + ZZ3",
+        "MX1 + l2·M2 + MX3",
+        "MY1 + MY3",
+    ]
     assert expressions(PARALLELOGRAM.replace(IN_PLANE, NONE)) == ["ZZ1 + l2²·M2 + ZZ3"]
 
 
@@ -78,9 +82,17 @@ def test_the_assembly_pose_tells_parallelogram_and_antiparallelogram(seed: int) 
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("pose", ["crank: 1, coupler: -1, rocker: 1", "crank: 1, coupler: -1.2, rocker: 1.1"])
+@pytest.mark.parametrize(
+    "pose", ["crank: 1, coupler: -1, rocker: 1", "crank: 1, coupler: -1.2, rocker: 1.1"]
+)
 def test_a_rounded_assembly_pose_tells_it_as_well(pose: str, seed: int) -> None:
-    assert structure(PARALLELOGRAM.replace("crank: pi/3, coupler: -pi/3, rocker: pi/3", pose), seed).rank == 3
+    assert (
+        structure(
+            PARALLELOGRAM.replace("crank: pi/3, coupler: -pi/3, rocker: pi/3", pose),
+            seed,
+        ).rank
+        == 3
+    )
 
 
 def test_antiparallelogram_without_gravity() -> None:

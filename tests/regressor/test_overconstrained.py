@@ -33,19 +33,28 @@ class Ring:
 
     @property
     def text(self) -> str:
-        sides = [f"{a}" if isinstance(a, float) else f"{a[0]} + {a[1]}*sqrt(3)" for a in self.sides]
+        sides = [
+            f"{a}" if isinstance(a, float) else f"{a[0]} + {a[1]}*sqrt(3)"
+            for a in self.sides
+        ]
         links = [
             f"{{xyz: [{a}, 0, {r}], rpy: [{t}*pi/180, 0, 0]}}"
             for a, t, r in zip(sides, self.twists, self.offsets, strict=False)
         ]
-        last, angle, offset = sides[-1], f"{self.twists[-1]}*pi/180", self.offsets[len(sides) - 1]
+        last, angle, offset = (
+            sides[-1],
+            f"{self.twists[-1]}*pi/180",
+            self.offsets[len(sides) - 1],
+        )
         ground = f"[-({last}), -({offset})*sin({angle}), -({offset})*cos({angle})]"
         bodies = ["{name: b0, joint: {type: revolute, axis: z}}"]
         bodies += [
             f"{{name: b{k + 1}, parent: b{k}, joint: {{type: revolute, axis: z, origin: {link}}}}}"
             for k, link in enumerate(links[:-2])
         ]
-        closure = f"at: {links[-2]}, on_second: {{xyz: {ground}, rpy: [-{angle}, 0, 0]}}"
+        closure = (
+            f"at: {links[-2]}, on_second: {{xyz: {ground}, rpy: [-{angle}, 0, 0]}}"
+        )
         pose = ", ".join(f"b{k}: {x:.9f}" for k, x in enumerate(self.pose))
         return "\n".join(
             [
@@ -60,7 +69,9 @@ class Ring:
 
 RINGS = {
     "Bennett": Ring((0.2, 0.4, 0.2, 0.4), (30, 90, 30, 90)),
-    "Goldberg, five bars": Ring((0.4, 0.2, (0.0, 0.2), 0.4, (0.2, 0.2)), (90, 30, 60, 90, 90)),
+    "Goldberg, five bars": Ring(
+        (0.4, 0.2, (0.0, 0.2), 0.4, (0.2, 0.2)), (90, 30, 60, 90, 90)
+    ),
     "Goldberg, six bars in a row": Ring(
         (0.4, 0.2, 0.2, (0.0, 0.2), 0.4, (0.4, 0.2)),
         (90, 30, 30, 60, 90, 120),
@@ -71,30 +82,65 @@ RINGS = {
         (60, 90, 90, 60, 90, 30),
         pose=(2.766, -1.159, 2.795, -3.142, -2.419),
     ),
-    "Myard": Ring((0.1, 0.2, 0.0, 0.2, 0.1), (30, 90, 120, 90, 150), pose=(0.054, 2.071, 1.544, -1.598)),
-    "Bricard, symmetric in three": Ring((0.3,) * 6, (60, -60) * 3, pose=(-0.72, -1.664, -0.72, -1.664, -0.72)),
-    "folded twice onto itself": Ring((0.3,) * 6, (60,) * 6, pose=(-pi, 0.952, 0.903, pi, -0.903), freedom=2),
-    "Bricard, trihedral": Ring((0.3, 0.4, 0.4, 0.5, 0.5, 0.3), (90, 270, 90, 270, 90, 270)),
-    "Bricard, symmetric about a line": Ring((0.3, 0.4, 0.25) * 2, (60, 45, 105) * 2),
-    "Bricard, octahedral": Ring((0.0,) * 6, (60, 75, 105) * 2, (0.3, 0.4, 0.25, -0.3, -0.4, -0.25)),
-    "Altmann": Ring((0.3, 0.0, 0.4) * 2, (90, 90, 270) * 2),
-    "Wohlhart": Ring((0.3, 0.3, 0.4, 0.4, 0.35, 0.35), (60, 300, 75, 285, 105, 255), (0.1, 0.0, 0.05, 0.0, -0.15, 0.0)),
-    "Bricard, symmetric about a plane": Ring(
-        (0.3, 0.4, 0.25, 0.25, 0.4, 0.3), (60, 45, 105, -105, -45, -60), (0.0, 0.1, -0.05, 0.0, 0.05, -0.1)
+    "Myard": Ring(
+        (0.1, 0.2, 0.0, 0.2, 0.1),
+        (30, 90, 120, 90, 150),
+        pose=(0.054, 2.071, 1.544, -1.598),
     ),
-    "Schatz": Ring((0.0, 0.2, 0.2, 0.2, 0.0, (0.0, 0.2)), (90, 90, 90, 90, 90, 0), (0.1, 0.0, 0.0, 0.0, 0.0, -0.1)),
+    "Bricard, symmetric in three": Ring(
+        (0.3,) * 6, (60, -60) * 3, pose=(-0.72, -1.664, -0.72, -1.664, -0.72)
+    ),
+    "folded twice onto itself": Ring(
+        (0.3,) * 6, (60,) * 6, pose=(-pi, 0.952, 0.903, pi, -0.903), freedom=2
+    ),
+    "Bricard, trihedral": Ring(
+        (0.3, 0.4, 0.4, 0.5, 0.5, 0.3), (90, 270, 90, 270, 90, 270)
+    ),
+    "Bricard, symmetric about a line": Ring((0.3, 0.4, 0.25) * 2, (60, 45, 105) * 2),
+    "Bricard, octahedral": Ring(
+        (0.0,) * 6, (60, 75, 105) * 2, (0.3, 0.4, 0.25, -0.3, -0.4, -0.25)
+    ),
+    "Altmann": Ring((0.3, 0.0, 0.4) * 2, (90, 90, 270) * 2),
+    "Wohlhart": Ring(
+        (0.3, 0.3, 0.4, 0.4, 0.35, 0.35),
+        (60, 300, 75, 285, 105, 255),
+        (0.1, 0.0, 0.05, 0.0, -0.15, 0.0),
+    ),
+    "Bricard, symmetric about a plane": Ring(
+        (0.3, 0.4, 0.25, 0.25, 0.4, 0.3),
+        (60, 45, 105, -105, -45, -60),
+        (0.0, 0.1, -0.05, 0.0, 0.05, -0.1),
+    ),
+    "Schatz": Ring(
+        (0.0, 0.2, 0.2, 0.2, 0.0, (0.0, 0.2)),
+        (90, 90, 90, 90, 90, 0),
+        (0.1, 0.0, 0.0, 0.0, 0.0, -0.1),
+    ),
 }
 
 
 QUICK = ("Bennett",)
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in RINGS])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK))
+        for name in RINGS
+    ],
+)
 def test_mobility_and_rank(name: str) -> None:
     ring = RINGS[name]
     mechanism = read(ring.text)
-    pose = ", ".join(f"{n}: {x:.15f}" for n, x in zip(mechanism.positions, Assembly(mechanism).pose, strict=True))
-    found = rank(described(ring.text.replace(ring.text.splitlines()[-1], f"assembly: {{{pose}}}")))
+    pose = ", ".join(
+        f"{n}: {x:.15f}"
+        for n, x in zip(mechanism.positions, Assembly(mechanism).pose, strict=True)
+    )
+    found = rank(
+        described(
+            ring.text.replace(ring.text.splitlines()[-1], f"assembly: {{{pose}}}")
+        )
+    )
     assert found.freedom == mechanism.degrees_of_freedom == ring.freedom
     assert found.rank == ec.base_structure(mechanism).rank
 
@@ -133,7 +179,9 @@ def test_a_rigid_assembly_is_refused_with_one_that_moves() -> None:
     """Some closed poses of a ring that is symmetric about a line are not, and rigid."""
     ring = Ring((0.2, 0.5, 0.3) * 2, (30, 75, 120) * 2, (0.1, -0.2, 0.05) * 2)
     rigid = "assembly: {b0: -2.311112846, b1: -0.576249803, b2: -0.922674918, b3: 2.285133707, b4: 0.629380441}"
-    with pytest.raises(ec.InputError, match=r"leave no motion.*They move .* write  assembly: ") as refused:
+    with pytest.raises(
+        ec.InputError, match=r"leave no motion.*They move .* write  assembly: "
+    ) as refused:
         read(ring.text.replace("assembly: {}", rigid))
     written = str(refused.value).partition("write  ")[2]
     assert read(ring.text.replace("assembly: {}", written)).degrees_of_freedom == 1

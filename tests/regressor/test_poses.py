@@ -24,9 +24,13 @@ def test_welded_wrists_close_like_spherical_joints(wrist: str) -> None:
     for k, at in places.items():
         spherical = f"{{name: ball{k}, joint: spherical, connects: [slide{k}, platform], on_second: {{xyz: {at}}}}}"
         assert spherical in text
-        text = text.replace(spherical, f"{{name: weld{k}, joint: weld, connects: [slide{k}, end{k}]}}")
+        text = text.replace(
+            spherical, f"{{name: weld{k}, joint: weld, connects: [slide{k}, end{k}]}}"
+        )
         text = text.replace("loops:", f"  - {wrist.format(k=k, at=at)}\nloops:")
-    text = text.replace("value: 0.4, ", "").replace("value: 0.2, ", "")  # without values no frames are made to follow
+    text = text.replace("value: 0.4, ", "").replace(
+        "value: 0.2, ", ""
+    )  # without values no frames are made to follow
     mechanism = RobotFile.of(text.encode(), "three_rps.yaml").mechanism()
     expected = ec.base_structure(ec.load(EXAMPLES / "loops" / "three_rps.yaml"))
     assert ec.base_structure(mechanism).pivots == expected.pivots

@@ -15,11 +15,20 @@ from support.published_loops import ASSEMBLED, LOOPS, PUBLISHED, Published
 
 # parallelograms to sixteen digits, of which the oracle takes twelve, or to eight units of the last of six digits
 INTENDED = {"robotiq_2f85_v4": 3, "planar_delta": 20}
-QUICK = ("planar_2dof", "five_bar", "palletizer_kr700_general", "talos_like", "cassie_leg", "xarm7_gripper")
+QUICK = (
+    "planar_2dof",
+    "five_bar",
+    "palletizer_kr700_general",
+    "talos_like",
+    "cassie_leg",
+    "xarm7_gripper",
+)
 
 
 def load(model: Published) -> ec.Mechanism:
-    file = model.file if model.file.suffix == ".xml" else model.file.with_suffix(".yaml")
+    file = (
+        model.file if model.file.suffix == ".xml" else model.file.with_suffix(".yaml")
+    )
     return ec.load(file, floating=model.floating)
 
 
@@ -29,13 +38,17 @@ def check(model: Published) -> None:
     assert ec.base_structure(mechanism).rank == INTENDED.get(model.name, model.rank)
 
 
-@pytest.mark.parametrize("model", [m for m in PUBLISHED if m.name in QUICK and not m.floating], ids=str)
+@pytest.mark.parametrize(
+    "model", [m for m in PUBLISHED if m.name in QUICK and not m.floating], ids=str
+)
 def test_ranks_are_those_of_the_oracle(model: Published) -> None:
     check(model)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", [m for m in PUBLISHED if m.name not in QUICK or m.floating], ids=str)
+@pytest.mark.parametrize(
+    "model", [m for m in PUBLISHED if m.name not in QUICK or m.floating], ids=str
+)
 def test_all_ranks_are_those_of_the_oracle(model: Published) -> None:
     check(model)
 
@@ -46,7 +59,9 @@ def test_a_parallelogram_that_misses_by_eight_last_decimals_is_a_doubt() -> None
 
     To the letter, a quaternion with a component of 1.9e-5, which is read as zero, tells the fingers apart.
     """
-    base = ec.base_parameters(load(next(m for m in PUBLISHED if m.name == "robotiq_2f85_v4")), budget=0)
+    base = ec.base_parameters(
+        load(next(m for m in PUBLISHED if m.name == "robotiq_2f85_v4")), budget=0
+    )
     assert (base.rank, base.reading.literal_rank) == (3, 13)
     assert "3, 4, 5, 6, 7 or 8" in base.reading.doubt
 
@@ -61,7 +76,9 @@ def test_sets_of_models_that_are_open_at_zero(model: Published) -> None:
     assert base.rank == model.rank
     assert base.certificate.in_balls
     held = model.name == "kangaroo_like"
-    assert base.reading.doubt.startswith("the loops hold what drives are to move: 'motor_knee'" if held else "")
+    assert base.reading.doubt.startswith(
+        "the loops hold what drives are to move: 'motor_knee'" if held else ""
+    )
     assert held or not base.reading.doubt
 
 
@@ -76,7 +93,9 @@ def test_the_literal_reading_of_legs_is_compared(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_set_is_derived_from_the_frames_as_stated_and_verified(tmp_path: Path) -> None:
+def test_a_set_is_derived_from_the_frames_as_stated_and_verified(
+    tmp_path: Path,
+) -> None:
     """The loops are closed in ball arithmetic."""
     model = next(m for m in PUBLISHED if m.name == "planar_delta")
     mechanism = load(model)
@@ -109,7 +128,9 @@ def test_relations_that_rounding_breaks_stay_broken_in_the_literal_reading() -> 
 @pytest.mark.slow
 def test_representatives_are_not_what_rounding_leaves_of_a_column() -> None:
     """Places are rounded to 1e-16; no coefficient is of the size of its inverse, nor shown if it is that small."""
-    base = ec.base_parameters(load(next(m for m in PUBLISHED if m.name == "planar_delta")))
+    base = ec.base_parameters(
+        load(next(m for m in PUBLISHED if m.name == "planar_delta"))
+    )
     assert np.abs(base.B_float()).max() < 100
     assert base.hidden > 0
     assert not any("e-" in str(expression) for expression in base.expressions)

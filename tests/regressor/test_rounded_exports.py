@@ -12,11 +12,24 @@ from flint import arb, arb_mat
 
 from support.loop_linkage import Linkage
 from support.loop_readers import mjcf, urdf
-from support.rounded_exports.export import FRAMES, Export, named, plain_exports, some_exports
+from support.rounded_exports.export import (
+    FRAMES,
+    Export,
+    named,
+    plain_exports,
+    some_exports,
+)
 from support.rounded_exports.files import write
 from support.rounded_exports.table import NAMES, build
 from support.rounded_exports.truth import computed, kept
-from support.rounded_exports.verdict import RIGHT, SILENT, UNNAMED, Verdict, judged, tables
+from support.rounded_exports.verdict import (
+    RIGHT,
+    SILENT,
+    UNNAMED,
+    Verdict,
+    judged,
+    tables,
+)
 
 SMALL = (
     "four_bar", "parallelogram", "slider_crank", "scissor_two", "five_bar-level", "bennett", "cardan",
@@ -42,14 +55,18 @@ REACHED = 0.9  # share that was reached; below the one above it is an expected f
 
 def judge(exports: list[Export], folder: Path) -> None:
     # a set takes longer than a rank: every sixth one
-    verdicts = [judged(export, folder, sets=k % 6 == 0) for k, export in enumerate(exports)]
+    verdicts = [
+        judged(export, folder, sets=k % 6 == 0) for k, export in enumerate(exports)
+    ]
     print(tables(verdicts))  # noqa: T201
     assert not shown([v for v in verdicts if v.kind in (SILENT, UNNAMED)])
     precise = [v for v in verdicts if v.export.digits >= MANY_DIGITS]
     others = [v for v in precise if v.kind != RIGHT]
     assert len(others) <= (1 - REACHED) * len(precise), shown(others)
     if len(others) > (1 - SHARE_RIGHT) * len(precise):
-        pytest.xfail(f"{len(others)} of {len(precise)} precise exports are refused or doubted: {shown(others)}")
+        pytest.xfail(
+            f"{len(others)} of {len(precise)} precise exports are refused or doubted: {shown(others)}"
+        )
 
 
 def shown(verdicts: list[Verdict]) -> str:
@@ -77,10 +94,15 @@ def test_exports_are_right_or_say_why_not(part: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["scissor_two", "bennett", "delta", "ankle_two_rods-floating"])
+@pytest.mark.parametrize(
+    "name", ["scissor_two", "bennett", "delta", "ankle_two_rods-floating"]
+)
 def test_truths_are_found_again(name: str) -> None:
     found = computed(build(name), seed=7)
-    assert (found.freedom, found.rank) == (kept()[name]["freedom"], kept()[name]["rank"])
+    assert (found.freedom, found.rank) == (
+        kept()[name]["freedom"],
+        kept()[name]["rank"],
+    )
 
 
 @pytest.mark.slow
@@ -88,16 +110,26 @@ def test_truths_are_found_again(name: str) -> None:
 def test_files_say_the_mechanism(name: str, tmp_path: Path) -> None:
     """As MuJoCo and a reader of URDF read it, with seventeen digits; a URDF's balls and crosses are told beside it."""
     meant = twists(build(name).linkage())
-    single = {part.name for part in build(name).parts if part.kind in ("hinge", "slide")}
+    single = {
+        part.name for part in build(name).parts if part.kind in ("hinge", "slide")
+    }
     for frames in FRAMES:
         for form in ("mjcf", "mjcf_sites"):
             read = mjcf(write(Export(name, form, 17, frames), tmp_path), literal=True)
-            assert max(float(abs(x)) for x in read.residual([arb(0)] * len(read.start))) < CLOSE
+            assert (
+                max(float(abs(x)) for x in read.residual([arb(0)] * len(read.start)))
+                < CLOSE
+            )
             assert differing(meant, twists(read), single) == []
         if build(name).floating:
             continue  # the world of a URDF is its root link's frame
         file = write(Export(name, "urdf_pairs", 17, frames), tmp_path)
-        assert differing(meant, twists(urdf(file.with_suffix(".urdf"), literal=True)), single) == []
+        assert (
+            differing(
+                meant, twists(urdf(file.with_suffix(".urdf"), literal=True)), single
+            )
+            == []
+        )
 
 
 CLOSE = 1e-12
@@ -113,5 +145,11 @@ def twists(linkage: Linkage) -> dict[str, arb_mat]:
     return found
 
 
-def differing(meant: dict[str, arb_mat], read: dict[str, arb_mat], names: set[str]) -> list[str]:
-    return [n for n in names if any(abs(float(x)) > CLOSE for x in (meant[n] - read[n]).entries())]
+def differing(
+    meant: dict[str, arb_mat], read: dict[str, arb_mat], names: set[str]
+) -> list[str]:
+    return [
+        n
+        for n in names
+        if any(abs(float(x)) > CLOSE for x in (meant[n] - read[n]).entries())
+    ]

@@ -15,7 +15,7 @@ import pytest
 
 import echelon as ec
 from echelon.errors import MissingExtraError
-from echelon.excite.excite import MotionConditioning, ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory, MotionConditioning
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.verify import Margin
@@ -38,7 +38,10 @@ def rows_of(html: str, table: str) -> list[list[str]]:
     body = re.search(rf'id="{table}".*?<tbody>(.*?)</tbody>', html, re.DOTALL)
     assert body
     rows = re.findall(r"<tr.*?</tr>", body[1], re.DOTALL)
-    return [[Page(cell).words for cell in re.findall(r"<t[dh].*?</t[dh]>", row, re.DOTALL)] for row in rows]
+    return [
+        [Page(cell).words for cell in re.findall(r"<t[dh].*?</t[dh]>", row, re.DOTALL)]
+        for row in rows
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +63,9 @@ def test_same_input_same_page(html: str) -> None:
 
 
 def test_everything_is_there(page: Page) -> None:
-    anchors = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    anchors = [
+        attributes["id"] for _, attributes in page.elements if "id" in attributes
+    ]
     assert {*TITLES} | {"top", "page-data"} <= set(anchors)
     assert len(anchors) == len(set(anchors))
     assert page.open == []
@@ -78,7 +83,11 @@ def test_nothing_is_loaded(make) -> None:
                 assert (value or "").startswith("#"), (tag, name, value)
     own = html.replace(str(plotly_source()), "")
     assert not re.search(r"https?://|url\(|@import|\bfetch\(|XMLHttp|\bimport\b", own)
-    policy = next(a["content"] for t, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
+    policy = next(
+        a["content"]
+        for t, a in page.elements
+        if a.get("http-equiv") == "Content-Security-Policy"
+    )
     assert policy is not None
     assert policy.startswith("default-src 'none';")
 
@@ -101,7 +110,10 @@ def test_hostile_names_never_become_markup(page: Page) -> None:
     assert dirty.scripts[1:] == page.scripts[1:]
     assert dirty.words.count("<script>alert(1)</script>") > 20  # shown, as text
     assert dirty.words.count("</script><b>j1") >= 3
-    names = [coordinate["name"] for coordinate in json.loads(dirty.scripts[0])["motion"]["coordinates"]]
+    names = [
+        coordinate["name"]
+        for coordinate in json.loads(dirty.scripts[0])["motion"]["coordinates"]
+    ]
     assert names == ["</script><b>j1", "</script><b>j2"]
 
 
@@ -111,7 +123,9 @@ def test_without_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
         preview_html(trajectory())
 
 
-@pytest.mark.parametrize("robot", ["scara", "gripper_coupled", "floating_tree", "cart_pole", "tx40"])
+@pytest.mark.parametrize(
+    "robot", ["scara", "gripper_coupled", "floating_tree", "cart_pole", "tx40"]
+)
 def test_any_robot(robot: str) -> None:
     """Sliding, coupled, held and floating ones."""
     page = Page(preview_html(trajectory(robot)))
@@ -127,7 +141,11 @@ def test_verdict_when_all_is_well(page: Page) -> None:
     assert found.safe
     assert "Every limit is kept at every time." in page.words
     assert "✗" not in page.words
-    for number in (found.conditioning.condition, found.conditioning.scaled_condition, found.conditioning.log_det):
+    for number in (
+        found.conditioning.condition,
+        found.conditioning.scaled_condition,
+        found.conditioning.log_det,
+    ):
         assert significant(number) in page.words
 
 
@@ -136,7 +154,12 @@ def test_broken_limits_come_before_all_else() -> None:
     total = len(trajectory().margins) + 4
     assert f"Do not run this: 2 of {total} limits are broken." in words
     assert "Every limit is kept" not in words
-    order = ["Do not run this", "✗ broken torque of j1", "there are no limits of torques", "has no jerk limit"]
+    order = [
+        "Do not run this",
+        "✗ broken torque of j1",
+        "there are no limits of torques",
+        "has no jerk limit",
+    ]
     places = [words.index(text) for text in order]
     assert places == sorted(places)
     assert "reaches −31.75 … 12.00 N·m ; allowed are −30.00 … 30.00 N·m" in words
@@ -151,7 +174,9 @@ def test_no_limits_are_no_safety() -> None:
 
 def test_what_is_not_seen_is_said() -> None:
     found = trajectory()
-    blind = MotionConditioning(inf, inf, -inf, (inf,) * found.base.rank, ((3.0, inf), (6.0, inf)))
+    blind = MotionConditioning(
+        inf, inf, -inf, (inf,) * found.base.rank, ((3.0, inf), (6.0, inf))
+    )
     page = Page(preview_html(replace(found, conditioning=blind)))
     assert "does not determine all base parameters" in page.words
     json.loads(page.scripts[0], parse_constant=lambda name: pytest.fail(name))
@@ -184,21 +209,28 @@ def test_margins_by_urgency() -> None:
     assert [r[1] for r in rows[:2]] == ["✗ broken", "✗ broken"]
     near = [r for r in rows if r[1] == "● near"]
     assert ["torque of j2", "● near", "0.125", "N·m", "0.156"] in [r[:5] for r in near]
-    assert [r[1] for r in rows] == sorted((r[1] for r in rows), key=["✗ broken", "● near", "kept"].index)
+    assert [r[1] for r in rows] == sorted(
+        (r[1] for r in rows), key=["✗ broken", "● near", "kept"].index
+    )
     assert rows[2 : 2 + len(near)] == near
     assert "∞" in next(r for r in rows if r[0] == "height of hand")[5]
 
 
 def test_margins_that_are_not_numbers_count_as_broken() -> None:
     strange = Margin("distance", "m", 0.0, inf, nan, nan)
-    rows = rows_of(preview_html(replace(trajectory(), margins=(*trajectory().margins, strange))), "margin-table")
+    rows = rows_of(
+        preview_html(replace(trajectory(), margins=(*trajectory().margins, strange))),
+        "margin-table",
+    )
     assert rows[0][:3] == ["distance", "✗ broken", "−∞"]
 
 
 def test_deviations_are_those_of_the_result(html: str, page: Page) -> None:
     found = trajectory()
     rows = rows_of(html, "std-table")
-    assert [r[2] for r in rows] == [significant(std, 3) for std in found.conditioning.std]
+    assert [r[2] for r in rows] == [
+        significant(std, 3) for std in found.conditioning.std
+    ]
     assert [r[3] for r in rows] == list(found.base.units)
     keys = re.findall(r'<th scope="row" class="name form" data-key="(.*?)"', html)
     assert keys == [str(expression) for expression in found.base.expressions]
@@ -211,30 +243,56 @@ def test_deviations_against_the_robot_file() -> None:
     first = found.base.mechanism.bodies[0]
     assert first.inertial is None
     inertial = (0.25, 0.0, 0.0, 0.25, 0.0, 0.25, 0.5, 0.125, 0.0, 2.0)
-    bodies = tuple(replace(body, inertial=inertial) for body in found.base.mechanism.bodies)
-    values = tuple(replace(effect, value=1.0) for effect in found.base.mechanism.effects)
-    base = replace(found.base, mechanism=replace(found.base.mechanism, bodies=bodies, effects=values))
+    bodies = tuple(
+        replace(body, inertial=inertial) for body in found.base.mechanism.bodies
+    )
+    values = tuple(
+        replace(effect, value=1.0) for effect in found.base.mechanism.effects
+    )
+    base = replace(
+        found.base,
+        mechanism=replace(found.base.mechanism, bodies=bodies, effects=values),
+    )
     std = tuple(0.1 * abs(value) for value in base.values())
     rows = rows_of(
-        preview_html(replace(found, base=base, conditioning=replace(found.conditioning, std=std))), "std-table"
+        preview_html(
+            replace(found, base=base, conditioning=replace(found.conditioning, std=std))
+        ),
+        "std-table",
     )
     # MY2 is stated as 0.125 and is a base parameter of its own
-    row = next(r for r, expression in zip(rows, base.expressions, strict=True) if str(expression) == "MY2")
+    row = next(
+        r
+        for r, expression in zip(rows, base.expressions, strict=True)
+        if str(expression) == "MY2"
+    )
     assert row[4:] == ["0.1250", "10"]
 
 
 def test_starts(page: Page) -> None:
     assert "3 starts, 1 of which found no motion that keeps the limits." in page.words
-    assert "0 optimal −12.346 best 31 1 no motion keeps the limits ∞ 7 2 iterations −11.500 100" in page.words
-    assert [s["history"] for s in json.loads(page.scripts[0])["starts"]] == [[3.5, -4.25, -12.345678], [], [1.5, -11.5]]
+    assert (
+        "0 optimal −12.346 best 31 1 no motion keeps the limits ∞ 7 2 iterations −11.500 100"
+        in page.words
+    )
+    assert [s["history"] for s in json.loads(page.scripts[0])["starts"]] == [
+        [3.5, -4.25, -12.345678],
+        [],
+        [1.5, -11.5],
+    ]
 
 
 def test_settings_are_json(html: str) -> None:
     """Readable by others: limits that do not exist are none, as in set-ups."""
     text = re.search(r"<pre>(.*?)</pre>", html, re.DOTALL)
     assert text
-    read = json.loads(text[1].replace("&#34;", '"'), parse_constant=lambda name: pytest.fail(name))
-    assert read["excitation"] == {"noise": {"all": 0.25}, "limits": {"effort": {"j1": "none"}}}
+    read = json.loads(
+        text[1].replace("&#34;", '"'), parse_constant=lambda name: pytest.fail(name)
+    )
+    assert read["excitation"] == {
+        "noise": {"all": 0.25},
+        "limits": {"effort": {"j1": "none"}},
+    }
 
 
 # -- plots and picture -------------------------------------------------------------------------------------------------
@@ -249,8 +307,15 @@ def test_plotted_motion_is_the_trajectory(page: Page) -> None:
             time, values = numbers(signal["time"]), numbers(signal["values"])
             assert time[0] == 0
             assert time[-1] == pytest.approx(6.0)
-            assert np.abs(values - run(time, order)[:, k]).max() < 1e-4 * np.abs(values).max()
-        assert [signal["unit"] for signal in coordinate["orders"]] == ["rad", "rad/s", "rad/s²"]
+            assert (
+                np.abs(values - run(time, order)[:, k]).max()
+                < 1e-4 * np.abs(values).max()
+            )
+        assert [signal["unit"] for signal in coordinate["orders"]] == [
+            "rad",
+            "rad/s",
+            "rad/s²",
+        ]
         assert [coordinate["orders"][0][end] for end in ("low", "high")] == [-2.5, 2.5]
         assert [coordinate["orders"][1][end] for end in ("low", "high")] == [-2.0, 2.0]
 
@@ -260,25 +325,38 @@ def test_missing_limits_are_named() -> None:
     page = Page(preview_html(replace(found, margins=found.margins[1:])))
     assert found.margins[0].label == "position of j1"
     assert "Without limits: position of j1 ." in page.words
-    assert json.loads(page.scripts[0])["motion"]["coordinates"][0]["orders"][0]["low"] is None
+    assert (
+        json.loads(page.scripts[0])["motion"]["coordinates"][0]["orders"][0]["low"]
+        is None
+    )
 
 
 def test_plotted_conditioning(page: Page) -> None:
     """Where it is infinite there is no point."""
-    kept = [moment for moment in trajectory().conditioning.over_time if np.isfinite(moment[1])]
+    kept = [
+        moment
+        for moment in trajectory().conditioning.over_time
+        if np.isfinite(moment[1])
+    ]
     plotted = json.loads(page.scripts[0])["conditioning"]
     assert list(zip(plotted["time"], plotted["condition"], strict=True)) == kept
 
 
-@pytest.mark.parametrize("robot", ["panda", "scara", "gripper_coupled", "floating_tree", "tx40"])
+@pytest.mark.parametrize(
+    "robot", ["panda", "scara", "gripper_coupled", "floating_tree", "tx40"]
+)
 def test_pictures_agree_with_single_poses(robot: str) -> None:
     """Frames and axes are those that the report's drawing finds, pose by pose, in another way."""
     found = trajectory(robot)
     view = scene(found)
     mechanism, names = found.base.mechanism, found.trajectory.coordinates
     for k in (0, len(view.time) // 3, len(view.time) - 1):
-        state = dict(zip(names, found.trajectory([view.time[k]])[0].tolist(), strict=True))
-        pose = pose_at(mechanism, np.array([state[name] for name in mechanism.positions]))
+        state = dict(
+            zip(names, found.trajectory([view.time[k]])[0].tolist(), strict=True)
+        )
+        pose = pose_at(
+            mechanism, np.array([state[name] for name in mechanism.positions])
+        )
         assert np.allclose(view.origins[k], pose.origins, atol=1e-12)
         assert np.allclose(view.axes[k], pose.axes, atol=1e-12)
     assert np.allclose(view.up, pose.up)
@@ -291,7 +369,9 @@ def test_pictures_of_a_pendulum() -> None:
     origins = numbers(robot["origins"]).reshape(robot["pictures"], 2, 3)
     time = np.linspace(0, 6, robot["pictures"])
     q = found.trajectory(time)[:, 0]
-    assert np.allclose(origins[:, 1], 0.3 * np.stack([np.cos(q), np.sin(q), 0 * q], axis=1), atol=1e-6)
+    assert np.allclose(
+        origins[:, 1], 0.3 * np.stack([np.cos(q), np.sin(q), 0 * q], axis=1), atol=1e-6
+    )
     assert robot["pictures"] == 181  # 30 a second
     assert np.allclose(numbers(robot["q"]).reshape(-1, 2)[:, 0], q, atol=1e-6)
     assert [body["joint"] for body in robot["bodies"]] == ["turn", "turn"]
@@ -305,14 +385,21 @@ def test_stubs_turn_with_their_bodies() -> None:
     pendulum = scene(trajectory())
     q = trajectory().trajectory(pendulum.time).sum(axis=1)
     stub = pendulum.tips[:, 0] - pendulum.origins[:, 1]
-    assert np.allclose(stub / np.linalg.norm(stub[0]), np.stack([np.cos(q), np.sin(q), 0 * q], axis=1), atol=1e-9)
+    assert np.allclose(
+        stub / np.linalg.norm(stub[0]),
+        np.stack([np.cos(q), np.sin(q), 0 * q], axis=1),
+        atol=1e-9,
+    )
 
 
 def test_bodies_that_do_not_move_are_drawn() -> None:
     found = trajectory("floating_tree")
     view = scene(found)
     names = [body.name for body in found.base.mechanism.bodies]
-    assert [n for n, still in zip(names, view.still, strict=True) if still] == ["base", "upper_arm"]
+    assert [n for n, still in zip(names, view.still, strict=True) if still] == [
+        "base",
+        "upper_arm",
+    ]
     words = Page(preview_html(found)).words
     assert "These bodies do not move: base , upper_arm ." in words
 
@@ -320,7 +407,10 @@ def test_bodies_that_do_not_move_are_drawn() -> None:
 def test_no_picture_without_lengths() -> None:
     """The rest of the page is there, and says why."""
     found = trajectory()
-    symbols = {name: replace(symbol, value=None) for name, symbol in found.base.mechanism.symbols.items()}
+    symbols = {
+        name: replace(symbol, value=None)
+        for name, symbol in found.base.mechanism.symbols.items()
+    }
     base = replace(found.base, mechanism=replace(found.base.mechanism, symbols=symbols))
     page = Page(preview_html(replace(found, base=base)))
     assert "There is no picture: symbol 'l1' has no value" in page.words
@@ -333,7 +423,10 @@ def test_loops_are_drawn_closed() -> None:
     setup = ec.load_setup(EXAMPLES / "loops" / "four_bar.yaml")
     task = task_of(setup, changed(setup.excitation, {"duration": 4.0}, setup.source))
     run = Trajectory(
-        task.mechanism.independent_velocities, task.limits.units, Fourier(4.0, 1), np.array([[0.0], [0.3], [0.0]])
+        task.mechanism.independent_velocities,
+        task.limits.units,
+        Fourier(4.0, 1),
+        np.array([[0.0], [0.3], [0.0]]),
     )
     found = ExcitingTrajectory(
         run, task.base, {}, "d_optimal", MotionConditioning(1.0, 1.0, 0.0, (1.0,) * task.base.rank, ()), (), (), (), {}
@@ -341,5 +434,7 @@ def test_loops_are_drawn_closed() -> None:
     view = scene(found)
     lengths = np.linalg.norm(np.diff(view.origins, axis=1), axis=2)
     assert np.ptp(view.origins, axis=0).max() > 0.01
-    chain = [k for k, body in enumerate(task.mechanism.bodies) if body.parent == k - 1 and k]
+    chain = [
+        k for k, body in enumerate(task.mechanism.bodies) if body.parent == k - 1 and k
+    ]
     assert np.ptp(lengths[:, [k - 1 for k in chain]], axis=0).max() < 1e-9

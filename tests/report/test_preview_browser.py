@@ -13,7 +13,9 @@ from support.browser import Browser, check_buttons
 from support.preview_pages import broken, hostile, trajectory
 
 # virtual time runs timers, but hardly draws frames: these come from timers too
-BROWSER = Browser("window.requestAnimationFrame = (step) => setTimeout(() => step(performance.now()), 16);")
+BROWSER = Browser(
+    "window.requestAnimationFrame = (step) => setTimeout(() => step(performance.now()), 16);"
+)
 DRIVER = """
 <script>
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
@@ -79,17 +81,28 @@ drive();
 
 @cache
 def html_of(kind: str) -> str:
-    make = {"plain": trajectory, "broken": broken, "hostile": lambda: hostile(trajectory())}
+    make = {
+        "plain": trajectory,
+        "broken": broken,
+        "hostile": lambda: hostile(trajectory()),
+    }
     return preview_html(make[kind]() if kind in make else trajectory(kind))
 
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> dict:
-    return BROWSER.drive(tmp_path_factory.mktemp("driven"), html_of("plain"), DRIVER, "1280,5000")
+    return BROWSER.drive(
+        tmp_path_factory.mktemp("driven"), html_of("plain"), DRIVER, "1280,5000"
+    )
 
 
 @pytest.mark.parametrize(
-    "kind", ["hostile", pytest.param("broken", marks=pytest.mark.slow), pytest.param("scara", marks=pytest.mark.slow)]
+    "kind",
+    [
+        "hostile",
+        pytest.param("broken", marks=pytest.mark.slow),
+        pytest.param("scara", marks=pytest.mark.slow),
+    ],
 )
 def test_draws_without_complaint(kind: str, tmp_path: Path) -> None:
     """Plots are there, the console is silent, and nothing from a file became an element."""
@@ -131,7 +144,9 @@ def test_plots_follow(driven: dict) -> None:
     assert [name for name, _ in one] == ["position", "velocity", "acceleration"]
     assert driven["shapes"] == [[100, -100] * 3, [-2.5, 2.5, -2, 2, -20, 20]]
     time = [6.0 * 100 / 700]  # a hundred samples in the period of the seventh harmonic
-    assert [y for _, y in one] == pytest.approx([run(time, order)[0, 1] for order in range(3)], rel=1e-5)
+    assert [y for _, y in one] == pytest.approx(
+        [run(time, order)[0, 1] for order in range(3)], rel=1e-5
+    )
     assert every[1][1] == pytest.approx(100 * run(time)[0, 1] / 2.5, rel=1e-5)
 
 
@@ -154,7 +169,9 @@ def test_fits_narrow_screens(width: int, tmp_path: Path) -> None:
     measure = """<script>
       setTimeout(() => parent.postMessage(document.documentElement.scrollWidth - innerWidth, "*"), 2000);
       </script></body>"""
-    (tmp_path / "inner.html").write_text(html_of("broken").replace("</body>", measure), encoding="utf-8")
+    (tmp_path / "inner.html").write_text(
+        html_of("broken").replace("</body>", measure), encoding="utf-8"
+    )
     outer = f"""<!DOCTYPE html><html><head></head><body>
       <script>addEventListener("message", (event) => {{ document.title = event.data; }});</script>
       <iframe src="inner.html" width="{width}" height="4000"></iframe></body></html>"""

@@ -23,7 +23,12 @@ from echelon.identification.result import Identification
 from echelon.identification.scores import Trace, Validation
 from echelon.report.drawing import drawable_pose, drawing, pose_at, seen_bodies
 from echelon.report.matrix_picture import matrix_picture, mergings
-from echelon.report.page import plotly_source, script_safe, significant, with_uncertainty
+from echelon.report.page import (
+    plotly_source,
+    script_safe,
+    significant,
+    with_uncertainty,
+)
 from echelon.report.report import TITLES, report_html
 from echelon.report.signals import envelope, payload, residual
 from support.paths import EXAMPLES
@@ -58,11 +63,15 @@ def test_everything_is_there(page: Page, full: Identification) -> None:
     ):
         assert said in page.words
     for expression in full.base.expressions:
-        assert expression.name in {a.get("data-text", "").split(" ")[0] for t, a in page.elements if t == "tr"}
+        assert expression.name in {
+            a.get("data-text", "").split(" ")[0] for t, a in page.elements if t == "tr"
+        }
 
 
 def test_warnings_come_first(page: Page) -> None:
-    places = [page.words.index(text) for text in ("was cut in two", "87 N·m", "resampled to")]
+    places = [
+        page.words.index(text) for text in ("was cut in two", "87 N·m", "resampled to")
+    ]
     assert places == sorted(places)
     assert page.words.index("2 warnings, 1 note") < places[0]
 
@@ -80,7 +89,11 @@ def test_nothing_is_loaded(make) -> None:
             assert name != "content" or "http" not in (value or "")
     own = html.replace(str(plotly_source()), "")
     assert not re.search(r"https?://|url\(|@import|//[a-z]+\.", own.replace("// ", ""))
-    policy = next(a["content"] for t, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
+    policy = next(
+        a["content"]
+        for t, a in page.elements
+        if a.get("http-equiv") == "Content-Security-Policy"
+    )
     assert policy is not None
     assert policy.startswith("default-src 'none';")
 
@@ -114,7 +127,16 @@ def test_json_cannot_end_a_script(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "robot", ["cart_pole", "furuta", "panda", "floating_tree", "coupled_arm", "tx40", "loops/parallelogram"]
+    "robot",
+    [
+        "cart_pole",
+        "furuta",
+        "panda",
+        "floating_tree",
+        "coupled_arm",
+        "tx40",
+        "loops/parallelogram",
+    ],
 )
 def test_any_robot(robot: str) -> None:
     """Sliding, floating, many joints, lengths without values, effects, loops."""
@@ -137,7 +159,12 @@ def test_any_robot(robot: str) -> None:
 def test_little_is_enough() -> None:
     """No prior, no unseen data, no physical fit, no findings, no verdict; and no signals at all."""
     words = Page(report_html(bare())).words
-    for said in ("No data were kept back", "No physically consistent fit", "Nothing to warn of", "was not tested"):
+    for said in (
+        "No data were kept back",
+        "No physically consistent fit",
+        "Nothing to warn of",
+        "was not tested",
+    ):
         assert said in words
     assert "prior rms" not in words
     nothing = Page(report_html(replace(bare(), validations=())))
@@ -150,9 +177,14 @@ def test_numbers_that_are_none() -> None:
     run = identification(samples=300)
     first, second = run.validations
     broken = np.full(300, nan)
-    traces = (replace(first.traces[0], measured=broken), replace(first.traces[1], predicted=np.full(300, inf)))
+    traces = (
+        replace(first.traces[0], measured=broken),
+        replace(first.traces[1], predicted=np.full(300, inf)),
+    )
     lost = replace(first.scores[0].whole, rms=inf, bias=nan, deviation=0.0, low=nan)
-    scores = tuple(replace(s, whole=lost, raw=lost, whiteness=nan) for s in first.scores)
+    scores = tuple(
+        replace(s, whole=lost, raw=lost, whiteness=nan) for s in first.scores
+    )
     r = run.base.rank
     dirty = replace(
         run,
@@ -216,7 +248,11 @@ def _read(text: str) -> float:
 def test_every_extreme_survives(values: list[float], buckets: int, random) -> None:
     """In every stretch of time; samples are real ones, in order, and few."""
     y = np.array(values, dtype=float)
-    t = np.cumsum([random.choice([0.01, 0.01, 0.01, 1.0]) for _ in values]) if values else np.zeros(0)
+    t = (
+        np.cumsum([random.choice([0.01, 0.01, 0.01, 1.0]) for _ in values])
+        if values
+        else np.zeros(0)
+    )
     found = envelope(t, y, buckets)
     good = np.isfinite(y)
     assert (found.samples, found.lost) == (len(y), int((~good).sum()))
@@ -224,13 +260,20 @@ def test_every_extreme_survives(values: list[float], buckets: int, random) -> No
     assert (np.diff(found.time) >= 0).all()
     assert drawn.sum() <= max(2 * buckets + 2, 0)
     pairs = set(zip(t[good].tolist(), y[good].tolist(), strict=True))
-    assert set(zip(found.time[drawn].tolist(), found.values[drawn].tolist(), strict=True)) <= pairs
+    assert (
+        set(zip(found.time[drawn].tolist(), found.values[drawn].tolist(), strict=True))
+        <= pairs
+    )
     if not good.any():
         return
     edges = np.linspace(t[good][0], t[good][-1], buckets + 1)
     place = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, buckets - 1)
-    kept_place = np.clip(np.searchsorted(edges, found.time, side="right") - 1, 0, buckets - 1)
-    inside = np.abs(t[:, None] - edges).min(axis=1) > 1e-9  # rounding decides at the very edge
+    kept_place = np.clip(
+        np.searchsorted(edges, found.time, side="right") - 1, 0, buckets - 1
+    )
+    inside = (
+        np.abs(t[:, None] - edges).min(axis=1) > 1e-9
+    )  # rounding decides at the very edge
     for k in set(place[good].tolist()):
         if inside[good & (place == k)].all():
             kept = found.values[drawn & (kept_place == k)]
@@ -255,7 +298,9 @@ def test_plots_hold_the_peaks() -> None:
     spiky = replace(full.validations[1], traces=(replace(trace, measured=measured),))
     data = payload([spiky])
     for name in ("measured", "residual"):
-        values = np.frombuffer(b64decode(data["traces"]["0/0"]["signals"][name][1]), dtype="<f4")
+        values = np.frombuffer(
+            b64decode(data["traces"]["0/0"]["signals"][name][1]), dtype="<f4"
+        )
         assert values.max() > 9.9e3
     assert data["traces"]["0/0"]["samples"] == len(measured)
 
@@ -290,7 +335,9 @@ def test_spectrum_agrees_with_welch_and_ignores_gaps() -> None:
         expected = np.sqrt(np.interp(found.frequency, frequency, power))
         strong = expected > 0.3 * expected.max()
         assert found.amplitude[strong] == pytest.approx(expected[strong], rel=tolerance)
-        assert found.correlation[0] == pytest.approx(1.5 / 1.8, abs=0.02)  # ρ₁ = a₁ / (1 − a₂)
+        assert found.correlation[0] == pytest.approx(
+            1.5 / 1.8, abs=0.02
+        )  # ρ₁ = a₁ / (1 − a₂)
 
 
 @pytest.mark.parametrize("y", [np.zeros(100), np.full(100, nan), np.ones(5)])
@@ -301,15 +348,29 @@ def test_no_residual_to_analyse(y: np.ndarray) -> None:
 # -- pictures ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("robot", ["panda", "puma560", "cart_pole", "floating_tree", "scara"])
+@pytest.mark.parametrize(
+    "robot", ["panda", "puma560", "cart_pole", "floating_tree", "scara"]
+)
 def test_frames_agree_with_textbook_formulas(robot: str) -> None:
     mechanism = ec.load(EXAMPLES / f"{robot}.yaml")
     rng = np.random.default_rng(7)
-    q = dict(zip(mechanism.positions, rng.uniform(-1, 1, len(mechanism.positions)).tolist(), strict=True))
+    q = dict(
+        zip(
+            mechanism.positions,
+            rng.uniform(-1, 1, len(mechanism.positions)).tolist(),
+            strict=True,
+        )
+    )
     for motion in mechanism.motions:
         if len(motion.positions) == 4:
             unit = rng.normal(size=4)
-            q |= dict(zip(motion.positions, (unit / np.linalg.norm(unit)).tolist(), strict=True))
+            q |= dict(
+                zip(
+                    motion.positions,
+                    (unit / np.linalg.norm(unit)).tolist(),
+                    strict=True,
+                )
+            )
     found = pose_at(mechanism, np.array([q[name] for name in mechanism.positions]))
     poses: list[np.ndarray] = []
     for index, body in enumerate(mechanism.bodies):
@@ -319,16 +380,24 @@ def test_frames_agree_with_textbook_formulas(robot: str) -> None:
         assert found.rotations[index] == pytest.approx(poses[-1][:3, :3], abs=1e-12)
 
 
-@pytest.mark.parametrize("robot", ["panda", "double_pendulum", "floating_tree", "puma560"])
+@pytest.mark.parametrize(
+    "robot", ["panda", "double_pendulum", "floating_tree", "puma560"]
+)
 def test_drawings_stay_on_their_paper(robot: str) -> None:
     base = base_of(robot)
     pose = drawable_pose(base.mechanism)
     assert pose is not None
     found = drawing(base.mechanism, pose, seen_bodies(base))
-    points = [p for link in found.links for s in (*link.segments, link.axis) for p in s] + [found.base]
+    points = [
+        p for link in found.links for s in (*link.segments, link.axis) for p in s
+    ] + [found.base]
     assert all(0 <= x <= found.width and 0 <= y <= found.height for x, y in points)
     for side in (True, False):
-        heights = sorted(link.label[1] for link in found.links if link.label and (link.label[0] == 0) is side)
+        heights = sorted(
+            link.label[1]
+            for link in found.links
+            if link.label and (link.label[0] == 0) is side
+        )
         assert all(b - a > 12 for a, b in pairwise(heights))
 
 
@@ -336,13 +405,18 @@ def test_matrix_picture_is_b() -> None:
     base = base_of("panda")
     picture = matrix_picture(base)
     b = base.B_float()
-    assert {(round(c.y / picture.cell), round(c.x / picture.cell)) for c in picture.cells} == set(
-        zip(*(index.tolist() for index in np.nonzero(b)), strict=True)
-    )
-    kinds = {(round(c.y / picture.cell), round(c.x / picture.cell)): c.kind for c in picture.cells}
+    assert {
+        (round(c.y / picture.cell), round(c.x / picture.cell)) for c in picture.cells
+    } == set(zip(*(index.tolist() for index in np.nonzero(b)), strict=True))
+    kinds = {
+        (round(c.y / picture.cell), round(c.x / picture.cell)): c.kind
+        for c in picture.cells
+    }
     for (row, column), kind in kinds.items():
         assert (kind == "pivot") == (base.matrix.pivots[row] == column)
-        assert (kind in ("pivot", "number")) == (not base.matrix.rows[row][column].symbols())
+        assert (kind in ("pivot", "number")) == (
+            not base.matrix.rows[row][column].symbols()
+        )
     assert sum(band.size for band in picture.columns) == pytest.approx(picture.width)
     assert sum(band.size for band in picture.rows) == pytest.approx(picture.height)
 
@@ -351,7 +425,11 @@ def test_where_parameters_went() -> None:
     """The double pendulum: ZZ1 + l1² M2, MX1 + l1 M2, MY1, ZZ2, MX2, MY2."""
     first, second = mergings(base_of("double_pendulum"))
     assert (first.alone, first.absorbs, first.absorbed) == (("MY",), ("2",), ())
-    assert (second.alone, second.absorbs, second.absorbed) == (("ZZ", "MX", "MY"), (), ("1",))
+    assert (second.alone, second.absorbs, second.absorbed) == (
+        ("ZZ", "MX", "MY"),
+        (),
+        ("1",),
+    )
     assert "ZZ" not in first.unseen
     assert "M" in first.unseen
 
@@ -367,18 +445,23 @@ def test_residuals_against_speed_show_friction_that_is_lacking() -> None:
     """Means in bins of speed are the friction that the prediction leaves out; outputs without speeds have none."""
     time = np.arange(4000) / 200
     speed = np.sin(time) + 0.3 * np.sin(2.7 * time)
-    left = np.tanh(speed / 0.1) + 0.05 * np.random.default_rng(1).normal(size=time.shape)
+    left = np.tanh(speed / 0.1) + 0.05 * np.random.default_rng(1).normal(
+        size=time.shape
+    )
     measured = np.cos(time) + left
     traces = (
         Trace("drive", "N", time, measured, measured - left, None, speed),
         Trace("cut", "N", time, measured, measured),
     )
     empty = Validation("run", "validation", (), (), (), traces)
-    of_drive, of_cut = (payload([empty])["traces"][f"0/{k}"]["speeds"] for k in range(2))
+    of_drive, of_cut = (
+        payload([empty])["traces"][f"0/{k}"]["speeds"] for k in range(2)
+    )
     assert of_cut is None
     assert of_drive["unit"] == "m/s"
     middle, mean, low, high = (
-        np.frombuffer(b64decode(of_drive[name]), dtype="<f4") for name in ("speed", "mean", "low", "high")
+        np.frombuffer(b64decode(of_drive[name]), dtype="<f4")
+        for name in ("speed", "mean", "low", "high")
     )
     assert np.all(np.diff(middle) > 0)
     clear = np.abs(middle) > 0.3

@@ -45,25 +45,38 @@ setTimeout(() => {
 
 @cache
 def html_of(kind: str) -> str:
-    run = {"full": identification, "bare": bare, "hostile": lambda: hostile(identification())}[kind]()
+    run = {
+        "full": identification,
+        "bare": bare,
+        "hostile": lambda: hostile(identification()),
+    }[kind]()
     return report_html(run)
 
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> dict:
-    return BROWSER.drive(tmp_path_factory.mktemp("driven"), html_of("full"), DRIVER, "1280,6000")
+    return BROWSER.drive(
+        tmp_path_factory.mktemp("driven"), html_of("full"), DRIVER, "1280,6000"
+    )
 
 
 def test_the_console_is_heard(tmp_path: Path) -> None:
     """Otherwise the other tests would prove nothing."""
-    page = "<html><head></head><body><script>alert(1); missing();</script></body></html>"
+    page = (
+        "<html><head></head><body><script>alert(1); missing();</script></body></html>"
+    )
     said = BROWSER.browse(tmp_path, page, "--dump-dom")[1]
     assert any("an alert" in line for line in said)
     assert any("missing is not defined" in line for line in said)
 
 
 @pytest.mark.parametrize(
-    "kind", ["hostile", pytest.param("full", marks=pytest.mark.slow), pytest.param("bare", marks=pytest.mark.slow)]
+    "kind",
+    [
+        "hostile",
+        pytest.param("full", marks=pytest.mark.slow),
+        pytest.param("bare", marks=pytest.mark.slow),
+    ],
 )
 def test_draws_without_complaint(kind: str, tmp_path: Path) -> None:
     """Plots are there, the console is silent, and nothing from a file became an element."""
@@ -84,9 +97,15 @@ def test_logs_and_the_prior_can_be_chosen(driven: dict) -> None:
     assert [name for name, _ in before] == ["measured", "predicted", "residual"]
     assert [name for name, _ in prior] == ["measured", "prior", "predicted", "residual"]
     assert "2\u202f500 samples" in driven["caption"]
-    for lines, validation in ((before, run.validations[1]), (after, run.validations[0])):
+    for lines, validation in (
+        (before, run.validations[1]),
+        (after, run.validations[0]),
+    ):
         trace = validation.traces[0]
-        assert np.abs(trace.measured - lines[0][1]).min() < 1e-5 * np.abs(trace.measured).max()
+        assert (
+            np.abs(trace.measured - lines[0][1]).min()
+            < 1e-5 * np.abs(trace.measured).max()
+        )
     assert before[0][1] != after[0][1]
 
 

@@ -39,7 +39,9 @@ effects:
 
 
 def robot(text: str) -> Mechanism:
-    return read_description(f"echelon: 1\nname: robot\n{text}", "robot.yaml", ReadingOptions())
+    return read_description(
+        f"echelon: 1\nname: robot\n{text}", "robot.yaml", ReadingOptions()
+    )
 
 
 def verified(model: ec.BaseModel) -> Certificate:
@@ -49,13 +51,20 @@ def verified(model: ec.BaseModel) -> Certificate:
     return ec.verify(from_json(to_json(replace(model, certificate=own))))
 
 
-def rewritten(model: ec.BaseModel, change: Callable[[RationalFunction], RationalFunction]) -> ec.BaseModel:
-    rows = tuple({c: change(value) for c, value in row.items()} for row in model.matrix.rows)
+def rewritten(
+    model: ec.BaseModel, change: Callable[[RationalFunction], RationalFunction]
+) -> ec.BaseModel:
+    rows = tuple(
+        {c: change(value) for c, value in row.items()} for row in model.matrix.rows
+    )
     return replace(model, matrix=replace(model.matrix, rows=rows))
 
 
 HALF_TANGENTS: dict[str, dict[str, str]] = {
-    "an angle as a number": {"cos(alpha)": "(1 - alpha^2)/(1 + alpha^2)", "sin(alpha)": "2*alpha/(1 + alpha^2)"},
+    "an angle as a number": {
+        "cos(alpha)": "(1 - alpha^2)/(1 + alpha^2)",
+        "sin(alpha)": "2*alpha/(1 + alpha^2)",
+    },
     "a length as an angle": {"l1": "sin(l1)/(1 + cos(l1))"},
 }
 
@@ -71,7 +80,10 @@ def test_one_residue_does_not_stand_for_an_angle_and_a_number(case: str) -> None
     others = {name: quotient(text) for name, text in HALF_TANGENTS[case].items()}
 
     def change(value: RationalFunction) -> RationalFunction:
-        known = {g: others.get(g, RationalFunction(Polynomial.generator(g))) for g in value.generators()}
+        known = {
+            g: others.get(g, RationalFunction(Polynomial.generator(g)))
+            for g in value.generators()
+        }
         return value.evaluate(known, RationalFunction)
 
     with pytest.raises(ec.CertificateError, match="an angle and a plain number"):
@@ -89,17 +101,26 @@ def as_numbers(model: ec.BaseModel, column: str, representative: str) -> ec.Base
     """A column said to equal another one, all coefficients as numbers."""
     place = model.parameters.index
     dropped = place(column)
-    rows = {p: dict(row) for p, row in zip(model.matrix.pivots, model.matrix.rows, strict=True) if p != dropped}
+    rows = {
+        p: dict(row)
+        for p, row in zip(model.matrix.pivots, model.matrix.rows, strict=True)
+        if p != dropped
+    }
     rows[place(representative)][dropped] = RationalFunction(1)
     values = model.B_float()
     for i, pivot in enumerate(model.matrix.pivots):
         for c in model.matrix.rows[i].keys() & rows.get(pivot, {}).keys():
-            assert float(values[i, c]) == pytest.approx(float(model.matrix.rows[i][c].evaluate({}, float)))
+            assert float(values[i, c]) == pytest.approx(
+                float(model.matrix.rows[i][c].evaluate({}, float))
+            )
     others = tuple(c for c in range(len(model.parameters)) if c not in rows)
     at = value_texts(model.mechanism, all_symbols(model.mechanism))
     pivots = tuple(p for p in model.matrix.order if p in rows)
     matrix = replace(
-        model.matrix, pivots=pivots, rows=tuple(rows[p] for p in pivots), numbers=StatedNumbers(others, at, 1e-35)
+        model.matrix,
+        pivots=pivots,
+        rows=tuple(rows[p] for p in pivots),
+        numbers=StatedNumbers(others, at, 1e-35),
     )
     return replace(model, matrix=matrix)
 
@@ -120,7 +141,10 @@ def test_regions_that_closed_states_hardly_meet_are_named() -> None:
 
 def test_friction_in_loops_is_checked_as_a_whole() -> None:
     """Both signs of speeds are met at random closed states."""
-    assert ec.verify(ec.base_parameters(robot(FOUR_BAR % ("qd", "sign(qd)")))).unchecked == ()
+    assert (
+        ec.verify(ec.base_parameters(robot(FOUR_BAR % ("qd", "sign(qd)")))).unchecked
+        == ()
+    )
 
 
 @pytest.mark.slow
@@ -140,7 +164,10 @@ def test_signs_of_constants_are_not_general() -> None:
     assert any("depends on k" in what for what in ec.verify(base).unchecked)
 
 
-@pytest.mark.parametrize("pose", ["crank: 1e-9, coupler: -1e-9, rocker: 1e-9", "crank: 0, coupler: 0, rocker: 0"])
+@pytest.mark.parametrize(
+    "pose",
+    ["crank: 1e-9, coupler: -1e-9, rocker: 1e-9", "crank: 0, coupler: 0, rocker: 0"],
+)
 def test_a_flat_parallelogram_is_told_as_a_doubt(pose: str) -> None:
     """Two ways of assembly meet there: that of parallel cranks was taken, from a pose beside it."""
     text = f"""symbols: {{l1: 0.4, l2: 0.15, l3: 0.4, l4: 0.15}}
@@ -161,4 +188,8 @@ assembly: {{{pose}}}
 def test_a_largest_coefficient_that_is_another_is_refused() -> None:
     text = to_json(ec.base_parameters(robot(ARM % "qd")))
     with pytest.raises(ec.CertificateError, match="largest_coefficient"):
-        from_json(text.replace('"largest_coefficient": 1.0', '"largest_coefficient": 1000000000.0'))
+        from_json(
+            text.replace(
+                '"largest_coefficient": 1.0', '"largest_coefficient": 1000000000.0'
+            )
+        )

@@ -10,11 +10,19 @@ from support.false_sets import ATTACKS, false_sets, is_accepted, is_true
 @pytest.mark.parametrize("seed", range(1))
 def test_no_false_set_is_accepted(seed: int) -> None:
     for false in false_sets(2 * len(ATTACKS), seed):
-        assert not is_accepted(false) or is_true(false), (false.kind, false.truth.text, false.model)
+        assert not is_accepted(false) or is_true(false), (
+            false.kind,
+            false.truth.text,
+            false.model,
+        )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 120))
 def test_a_thousand_false_sets_are_refused(seed: int) -> None:
     for false in false_sets(50, seed):
-        assert not is_accepted(false) or is_true(false), (false.kind, false.truth.text, false.model)
+        assert not is_accepted(false) or is_true(false), (
+            false.kind,
+            false.truth.text,
+            false.model,
+        )

@@ -41,7 +41,11 @@ PARALLEL = (
     .replace("-0.4816", "-1.0")
     .replace("rocker: 1.6206", "rocker: 1.0")
 )
-CROSSED = {"crank": "1.0", "coupler": "-1.7536437793798492", "rocker": "-1.7536437793798492"}
+CROSSED = {
+    "crank": "1.0",
+    "coupler": "-1.7536437793798492",
+    "rocker": "-1.7536437793798492",
+}
 SLIDER = """
 echelon: 1
 name: slider crank
@@ -64,7 +68,11 @@ def saved(file: Path) -> str:
 @cache
 def described(text: str, *, generic: bool = False) -> str:
     """The saved set of a description, for its stated values or for general ones."""
-    return to_json(ec.base_parameters(read_description(text, "described", ReadingOptions()), generic=generic))
+    return to_json(
+        ec.base_parameters(
+            read_description(text, "described", ReadingOptions()), generic=generic
+        )
+    )
 
 
 # -- what it accepts --------------------------------------------------------------------------------------------------
@@ -85,18 +93,26 @@ def test_examples(name: str, rank: int) -> None:
     code, sentence = judge(saved(LOOPS / f"{name}.yaml"))
     assert code == VALID, sentence
     assert sentence.startswith(f"valid: {rank} base parameters of ")
-    assert "at the stated values, minimal by pivots above 1e-80, complete to 1e-40 at 7 random states" in sentence
+    assert (
+        "at the stated values, minimal by pivots above 1e-80, complete to 1e-40 at 7 random states"
+        in sentence
+    )
     assert sentence.endswith("that motions reach from the assembly pose")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["cassie_leg.xml", "delta_pins.xml", "robotiq_2f85.xml", "five_bar/robot.yaml"])
+@pytest.mark.parametrize(
+    "name",
+    ["cassie_leg.xml", "delta_pins.xml", "robotiq_2f85.xml", "five_bar/robot.yaml"],
+)
 @pytest.mark.filterwarnings("ignore::echelon.AssemblyWarning")
 def test_published_mechanisms(name: str) -> None:
     """Coefficients that are numbers, directions with known tangents' squares, a pose that was searched for."""
     code, sentence = judge(saved(DATA / name))
     assert code == VALID, sentence
-    assert sentence.endswith("reading.assembled" if name.startswith("five_bar") else "the assembly pose")
+    assert sentence.endswith(
+        "reading.assembled" if name.startswith("five_bar") else "the assembly pose"
+    )
 
 
 SETUPS = {
@@ -114,18 +130,28 @@ SETUPS = {
 
 @pytest.mark.parametrize("case", one_in(3, SETUPS))
 @pytest.mark.parametrize(
-    "text", [FOUR_BAR, pytest.param(PARALLEL, marks=pytest.mark.slow)], ids=["four bars", "parallel"]
+    "text",
+    [FOUR_BAR, pytest.param(PARALLEL, marks=pytest.mark.slow)],
+    ids=["four bars", "parallel"],
 )
 def test_setups(text: str, case: str) -> None:
-    lines = [line for line in text.splitlines() if not (case.endswith("gravity") and line.startswith("gravity"))]
+    lines = [
+        line
+        for line in text.splitlines()
+        if not (case.endswith("gravity") and line.startswith("gravity"))
+    ]
     code, sentence = judge(described("\n".join([*lines, SETUPS[case]])))
     assert code == VALID, sentence
 
 
-@pytest.mark.parametrize("coupled", one_in(2, ["2*rocker", "1/2*rocker", "-50.7*rocker"]))
+@pytest.mark.parametrize(
+    "coupled", one_in(2, ["2*rocker", "1/2*rocker", "-50.7*rocker"])
+)
 def test_gears_of_coordinates_that_loops_move(coupled: str) -> None:
     wheel = "  - {name: wheel, joint: revolute, parent: rocker, a: 0.1}\n"
-    text = FOUR_BAR.replace("loops:\n", f"{wheel}couplings: [{{wheel: {coupled}}}]\nloops:\n")
+    text = FOUR_BAR.replace(
+        "loops:\n", f"{wheel}couplings: [{{wheel: {coupled}}}]\nloops:\n"
+    )
     code, sentence = judge(described(text))
     assert code == VALID, sentence
 
@@ -141,7 +167,10 @@ def test_points_on_lines() -> None:
 def test_sets_for_general_values_are_checked_near_the_stated_ones() -> None:
     code, sentence = judge(described(FOUR_BAR, generic=True))
     assert code == VALID, sentence
-    assert "8 base parameters of 30 for general values of the symbols near the stated ones" in sentence
+    assert (
+        "8 base parameters of 30 for general values of the symbols near the stated ones"
+        in sentence
+    )
 
 
 def test_a_set_for_general_values_says_what_the_stated_ones_change() -> None:
@@ -169,7 +198,9 @@ Forge = Callable[[dict[str, Any]], object]
 
 
 def _term(data: dict[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = next(t for row in data["base"] for t in row["terms"] if t["parameter"] != row["name"])
+    found: dict[str, Any] = next(
+        t for row in data["base"] for t in row["terms"] if t["parameter"] != row["name"]
+    )
     return found
 
 
@@ -184,8 +215,12 @@ def _fewer(data: dict[str, Any]) -> None:
 
 
 def _more(data: dict[str, Any]) -> None:
-    name = next(n for n in data["parameters"] if n not in {row["name"] for row in data["base"]})
-    data["base"].append({"name": name, "terms": [{"parameter": name, "coefficient": "1"}]})
+    name = next(
+        n for n in data["parameters"] if n not in {row["name"] for row in data["base"]}
+    )
+    data["base"].append(
+        {"name": name, "terms": [{"parameter": name, "coefficient": "1"}]}
+    )
     data["rank"] += 1
 
 
@@ -239,11 +274,15 @@ def test_false_sets_of_examples(name: str, case: str) -> None:
 def test_the_set_of_another_way_of_assembly_is_refuted() -> None:
     """The set for bars that stay parallel at the pose where they cross, and the other way round."""
     parallel = json.loads(described(PARALLEL))
-    crossed = json.loads(described(PARALLEL.split("assembly:")[0] + f"assembly: {json.dumps(CROSSED)}"))
+    crossed = json.loads(
+        described(PARALLEL.split("assembly:")[0] + f"assembly: {json.dumps(CROSSED)}")
+    )
     assert (parallel["rank"], crossed["rank"]) == (3, 8)
     assert judge(json.dumps(crossed))[0] == VALID
     poses = [data["model"]["assembly"] for data in (parallel, crossed)]
-    for data, pose, problem in zip((crossed, parallel), poses, ("not minimal", "not complete"), strict=True):
+    for data, pose, problem in zip(
+        (crossed, parallel), poses, ("not minimal", "not complete"), strict=True
+    ):
         data["model"]["assembly"], data["reading"]["assembled"] = pose, None
         code, sentence = judge(json.dumps(data))
         assert code == REFUTED, sentence
@@ -255,7 +294,9 @@ def test_it_has_its_own_closures(monkeypatch: pytest.MonkeyPatch) -> None:
     from echelon.mechanism.steps import Recorder
 
     monkeypatch.setattr(Recorder, "gravity", lambda recorder: recorder.zeros)
-    model = ec.base_parameters(read_description(FOUR_BAR, "described", ReadingOptions()))
+    model = ec.base_parameters(
+        read_description(FOUR_BAR, "described", ReadingOptions())
+    )
     assert judge(to_json(model))[0] == REFUTED
 
 
@@ -272,19 +313,44 @@ def changed(change: Forge, text: str = FOUR_BAR) -> tuple[int, str]:
 
 def _flat(data: dict[str, Any]) -> None:
     """Bars of a parallelogram that lie on one another."""
-    data["model"].update(assembly={}, symbols={"l1": "0.4", "l2": "0.15", "l3": "0.4", "l4": "0.15"})
+    data["model"].update(
+        assembly={}, symbols={"l1": "0.4", "l2": "0.15", "l3": "0.4", "l4": "0.15"}
+    )
 
 
 NOT_CLOSED = "an assembly pose at which loops are not closed"
 UNCOVERED: dict[str, tuple[Forge, str]] = {
-    "no value": (lambda data: data["model"]["symbols"].update(l1=None), "loops with symbols that have no values"),
-    "an open pose": (lambda data: data["model"]["assembly"].update(rocker="2.5"), NOT_CLOSED),
+    "no value": (
+        lambda data: data["model"]["symbols"].update(l1=None),
+        "loops with symbols that have no values",
+    ),
+    "an open pose": (
+        lambda data: data["model"]["assembly"].update(rocker="2.5"),
+        NOT_CLOSED,
+    ),
     "modes that meet": (_flat, NOT_CLOSED),
-    "a strange key": (lambda data: data["model"]["loops"][0].update(slack="0.1"), "slack"),
-    "a strange kind": (lambda data: data["model"]["loops"][0].update(joint="rack"), "a loop with 'rack'"),
-    "dependent ones": (lambda data: data["model"].update(independent=["crank", "rocker"]), "loops that do not close"),
-    "tiny numbers": (lambda data: data["model"]["symbols"].update(l1="0.4 + 1e-30"), "numbers of such sizes"),
-    "few digits": (lambda data: data.update(numbers={"parameters": ["M2"], "at": {}, "radius": 1e-12}), "few digits"),
+    "a strange key": (
+        lambda data: data["model"]["loops"][0].update(slack="0.1"),
+        "slack",
+    ),
+    "a strange kind": (
+        lambda data: data["model"]["loops"][0].update(joint="rack"),
+        "a loop with 'rack'",
+    ),
+    "dependent ones": (
+        lambda data: data["model"].update(independent=["crank", "rocker"]),
+        "loops that do not close",
+    ),
+    "tiny numbers": (
+        lambda data: data["model"]["symbols"].update(l1="0.4 + 1e-30"),
+        "numbers of such sizes",
+    ),
+    "few digits": (
+        lambda data: data.update(
+            numbers={"parameters": ["M2"], "at": {}, "radius": 1e-12}
+        ),
+        "few digits",
+    ),
 }
 
 
@@ -297,14 +363,22 @@ def test_what_is_not_covered_is_not_called_valid(case: str) -> None:
 
 @pytest.mark.parametrize("term", ["sign(q)", "exp(-qd^2)*qd", "qd + 1e-80*q"])
 def test_effects_that_are_not_covered(term: str) -> None:
-    effect = f"effects: [{{parameter: P, unit: N·m, acts: [{{at: crank, term: '{term}'}}]}}]"
+    effect = (
+        f"effects: [{{parameter: P, unit: N·m, acts: [{{at: crank, term: '{term}'}}]}}]"
+    )
     code, sentence = judge(described(FOUR_BAR + effect))
     assert (code, sentence.startswith("NOT checked")) == (NOT_COVERED, True), sentence
 
 
 def test_a_loop_that_cannot_move_is_not_covered() -> None:
     """A pin that is turned out of the plane by a hundredth of a degree."""
-    tilted = {"rotation": [["1", "0", "0"], ["0", "cos(l5)", "-sin(l5)"], ["0", "sin(l5)", "cos(l5)"]]}
+    tilted = {
+        "rotation": [
+            ["1", "0", "0"],
+            ["0", "cos(l5)", "-sin(l5)"],
+            ["0", "sin(l5)", "cos(l5)"],
+        ]
+    }
 
     def tilt(data: dict[str, Any]) -> None:
         data["model"]["symbols"]["l5"] = "0.0002"

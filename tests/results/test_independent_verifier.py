@@ -47,22 +47,38 @@ def derived(text: str, tmp_path: Path) -> str:
 
 def test_it_imports_nothing_but_the_standard_library() -> None:
     tree = ast.parse(Path(echelon_verify.__file__).read_text(encoding="utf-8"))
-    imports = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
-    modules = {n for i in imports for n in ([i.module] if isinstance(i, ast.ImportFrom) else [a.name for a in i.names])}
-    assert all(module and module.split(".")[0] in sys.stdlib_module_names for module in modules)
+    imports = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
+    modules = {
+        n
+        for i in imports
+        for n in (
+            [i.module] if isinstance(i, ast.ImportFrom) else [a.name for a in i.names]
+        )
+    }
+    assert all(
+        module and module.split(".")[0] in sys.stdlib_module_names for module in modules
+    )
     assert not any(isinstance(i, ast.ImportFrom) and i.level for i in imports)
 
 
 def test_the_copy_beside_the_source_is_the_one_that_is_shipped() -> None:
-    assert (ROOT / "verifier" / "echelon_verify.py").read_bytes() == Path(echelon_verify.__file__).read_bytes()
+    assert (ROOT / "verifier" / "echelon_verify.py").read_bytes() == Path(
+        echelon_verify.__file__
+    ).read_bytes()
 
 
 def test_it_runs_alone(tmp_path: Path) -> None:
     shutil.copy(ROOT / "verifier" / "echelon_verify.py", tmp_path / "check.py")
-    (tmp_path / "set.json").write_text(to_json(ec.base_parameters(arms.double_pendulum())), encoding="utf-8")
+    (tmp_path / "set.json").write_text(
+        to_json(ec.base_parameters(arms.double_pendulum())), encoding="utf-8"
+    )
     for target, code in (("set.json", VALID), ("check.py", UNREADABLE)):
         command = [sys.executable, "-I", "-S", "check.py", target]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
         assert done.returncode == code, done.stderr
         assert not done.stderr
 
@@ -88,7 +104,9 @@ def test_examples(file: Path) -> None:
 
 @pytest.mark.parametrize(
     "robot",
-    one_in(2, [*arms.KINDS, arms.spherical, arms.branched, arms.free_body, arms.cartesian]),
+    one_in(
+        2, [*arms.KINDS, arms.spherical, arms.branched, arms.free_body, arms.cartesian]
+    ),
 )
 @pytest.mark.parametrize("order", ["base-to-tip", "tip-to-base"])
 def test_every_joint_type(robot: Callable[[], Mechanism], order: str) -> None:
@@ -113,7 +131,13 @@ bodies:
   - {name: three, parent: two, joint: {type: revolute, axis: y, origin: {xyz: [a, 0, 0], rpy: [beta, 0, 0]}}}
 """
 ANGLES = [
-    *(("0.3", "-0.3"), ("0.3", "0.4"), ("pi/6", "pi/12"), ("7*pi/12", "0.7"), ("null", "pi/4")),
+    *(
+        ("0.3", "-0.3"),
+        ("0.3", "0.4"),
+        ("pi/6", "pi/12"),
+        ("7*pi/12", "0.7"),
+        ("null", "pi/4"),
+    ),
     *(("pi/7", "-pi/7"), ("pi/180", "0.35*pi + 0.2"), ("pi", "pi/5")),
 ]
 SETUPS = {
@@ -153,7 +177,11 @@ def test_setups(case: str, tmp_path: Path) -> None:
 @cache
 def described(text: str, *, generic: bool = False) -> str:
     """The saved set of a description, for its stated values or for general ones."""
-    return to_json(ec.base_parameters(read_description(text, "described", ReadingOptions()), generic=generic))
+    return to_json(
+        ec.base_parameters(
+            read_description(text, "described", ReadingOptions()), generic=generic
+        )
+    )
 
 
 def general(text: str) -> dict[str, Any]:
@@ -198,7 +226,11 @@ bodies:
   - {name: two, parent: one, joint: {type: prismatic, axis: x, origin: {xyz: [a, 0, c], rpy: [bend, 0, 0]}}}
   - {name: three, parent: two, joint: {type: revolute, axis: y, origin: {xyz: [0, 0, c], rpy: [rest, 0, 0]}}}
 """
-SPECIAL = {"a length": (PARALLEL, 9), "all parallel": (TWISTED % "pi", 10), "three parallel": (TWISTED % "pi/7", 18)}
+SPECIAL = {
+    "a length": (PARALLEL, 9),
+    "all parallel": (TWISTED % "pi", 10),
+    "three parallel": (TWISTED % "pi/7", 18),
+}
 
 
 @pytest.mark.parametrize("case", SPECIAL)
@@ -216,14 +248,22 @@ def test_it_says_for_whom_a_set_holds(case: str) -> None:
 
 
 @pytest.mark.parametrize("case", SPECIAL)
-def test_a_general_set_says_that_fewer_are_independent_at_the_stated_values(case: str) -> None:
+def test_a_general_set_says_that_fewer_are_independent_at_the_stated_values(
+    case: str,
+) -> None:
     text, rank = SPECIAL[case]
     data = general(text)
-    others = [{"rank": rank + 1}, {"generic_rank": data["rank"] + 1}, {"rank": data["rank"]}]
+    others = [
+        {"rank": rank + 1},
+        {"generic_rank": data["rank"] + 1},
+        {"rank": data["rank"]},
+    ]
     for special in (None, *({**data["special"], **other} for other in others)):
         code, sentence = judge(json.dumps({**data, "special": special}))
         assert code == REFUTED
-        assert f"at the stated values {rank} of {data['rank']} are independent" in sentence
+        assert (
+            f"at the stated values {rank} of {data['rank']} are independent" in sentence
+        )
 
 
 @pytest.mark.parametrize("case", SPECIAL)
@@ -280,7 +320,21 @@ def test_a_dozen_states_show_the_rank(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["1 + 2·MX2", "l1·M2", "M1-M2", "M\u200b2", "\u202eM2", "M２", "\u041c2", "\u0391", "μ", "2M", "pi", "M 2", "ﬁ"],
+    [
+        "1 + 2·MX2",
+        "l1·M2",
+        "M1-M2",
+        "M\u200b2",
+        "\u202eM2",
+        "M２",
+        "\u041c2",
+        "\u0391",
+        "μ",
+        "2M",
+        "pi",
+        "M 2",
+        "ﬁ",
+    ],
 )
 def test_names_that_may_read_as_formulas_are_not_covered(name: str) -> None:
     text = described(ARM % ("0", "0.3") + SETUPS["terms"])
@@ -300,7 +354,9 @@ def test_a_symbol_that_is_called_like_a_parameter_is_not_covered() -> None:
 
 def test_names_of_bodies_and_joints_may_be_any(tmp_path: Path) -> None:
     text = derived(
-        ARM.replace("name: two", 'name: "left arm-2, Größe"').replace("parent: two", 'parent: "left arm-2, Größe"')
+        ARM.replace("name: two", 'name: "left arm-2, Größe"').replace(
+            "parent: two", 'parent: "left arm-2, Größe"'
+        )
         % ("0", "0.3"),
         tmp_path,
     )
@@ -359,14 +415,42 @@ def test_keys_that_stand_twice_are_refused() -> None:
 
 SMALL = ("double_pendulum", "scara", "gripper_coupled", "furuta", "loops/parallelogram")
 ALL = (*SMALL, "coupled_arm", "rx90", "tx40", "floating_tree", "loops/four_bar")
-CLAIMS = ("name", "rank", "outputs", "parameters", "order", "base", "classification", "generic", "model")
+CLAIMS = (
+    "name",
+    "rank",
+    "outputs",
+    "parameters",
+    "order",
+    "base",
+    "classification",
+    "generic",
+    "model",
+)
 EVERY_LINK = ReadingOptions(keep_fixed_links=True)
 VALID, REFUTED, UNREADABLE, NOT_COVERED = range(4)
 # The independent verifier passes over what is said beside the rows, and over evidence of others: the program refuses
 # these, and sets that are true but hold the certificate of another model.
 ONLY_THE_PROGRAM = {
-    *("certificate", "class", "count", "expression", "expression_hidden", "missing", "order", "pivot"),
-    *("generic", "shape", "special", "swap_columns", "unit", "value", "value_nearly", "zero"),
+    *(
+        "certificate",
+        "class",
+        "count",
+        "expression",
+        "expression_hidden",
+        "missing",
+        "order",
+        "pivot",
+    ),
+    *(
+        "generic",
+        "shape",
+        "special",
+        "swap_columns",
+        "unit",
+        "value",
+        "value_nearly",
+        "zero",
+    ),
 }
 
 
@@ -380,7 +464,9 @@ def is_its_own(text: str) -> bool:
     data, model = json.loads(text), from_json(text)
     again = to_dict(ec.base_parameters(model.mechanism, generic=data["generic"]))
     for row in (*data["base"], *again["base"]):
-        row["terms"].sort(key=itemgetter("parameter"))  # in any order they are the same sum
+        row["terms"].sort(
+            key=itemgetter("parameter")
+        )  # in any order they are the same sum
     return all(again[key] == data[key] for key in CLAIMS if key != "model")
 
 
@@ -402,16 +488,24 @@ def check(forgery: Forged) -> None:
         assert code in (VALID, NOT_COVERED), sentence
     elif code == VALID:
         data, true = json.loads(forgery.text), json.loads(saved(forgery.name))
-        assert forgery.kind in ONLY_THE_PROGRAM or data["model"] != true["model"], forgery
+        assert forgery.kind in ONLY_THE_PROGRAM or data["model"] != true["model"], (
+            forgery
+        )
         again = set_of(data["model"]) or true
         both = np.vstack([rows(data), rows(again)])
-        assert len(rows(data)) == len(rows(again)) == np.linalg.matrix_rank(both), forgery
+        assert len(rows(data)) == len(rows(again)) == np.linalg.matrix_rank(both), (
+            forgery
+        )
 
 
 def set_of(model: Any) -> dict[str, Any]:
     """The set of a model, or nothing where the program does not read all that is said about it."""
     try:
-        return to_dict(ec.base_parameters(read_description(json.dumps(model).encode(), "forged", EVERY_LINK)))
+        return to_dict(
+            ec.base_parameters(
+                read_description(json.dumps(model).encode(), "forged", EVERY_LINK)
+            )
+        )
     except ec.InputError:
         return {}
 
@@ -419,18 +513,32 @@ def set_of(model: Any) -> dict[str, Any]:
 def rows(data: dict[str, Any]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     """The coefficients at some values of the symbols; sets that span the same are equally true."""
     found = np.zeros((len(data["base"]), len(data["parameters"])))
-    for i, term in ((i, term) for i, row in enumerate(data["base"]) for term in row["terms"]):
-        coefficient = RationalFunction(parse(term["coefficient"]), parse(term.get("denominator", "1")))
-        values = {name: 0.3 + len(name) / 7 + sum(map(ord, name)) / 999 for name in coefficient.symbols()}
-        generators = {*coefficient.numerator.generators(), *coefficient.denominator.generators()}
+    for i, term in (
+        (i, term) for i, row in enumerate(data["base"]) for term in row["terms"]
+    ):
+        coefficient = RationalFunction(
+            parse(term["coefficient"]), parse(term.get("denominator", "1"))
+        )
+        values = {
+            name: 0.3 + len(name) / 7 + sum(map(ord, name)) / 999
+            for name in coefficient.symbols()
+        }
+        generators = {
+            *coefficient.numerator.generators(),
+            *coefficient.denominator.generators(),
+        }
         column = data["parameters"].index(term["parameter"])
-        found[i, column] += coefficient.evaluate(float_generators(generators, values), float)
+        found[i, column] += coefficient.evaluate(
+            float_generators(generators, values), float
+        )
     return found
 
 
 @pytest.mark.parametrize("part", one_in(3, range(3)))
 def test_forgeries_are_refused(part: int) -> None:
-    for forgery in forged({name: saved(name) for name in SMALL}, len(FORGERIES), seed=part):
+    for forgery in forged(
+        {name: saved(name) for name in SMALL}, len(FORGERIES), seed=part
+    ):
         check(forgery)
 
 

@@ -55,7 +55,9 @@ def check_round_trip(model: ec.BaseModel) -> None:
     assert again.matrix.rows == model.matrix.rows
     assert again.reading == model.reading
     assert to_json(again) == text
-    jsonschema.Draft202012Validator(json_schema(BaseModelRecord)).validate(json.loads(text))
+    jsonschema.Draft202012Validator(json_schema(BaseModelRecord)).validate(
+        json.loads(text)
+    )
     assert ec.verify(again).rank == model.rank
 
 
@@ -66,7 +68,10 @@ def test_examples(file: Path) -> None:
 
 @pytest.mark.parametrize(
     "robot",
-    [*arms.KINDS, lambda: arms.general_arm(7)],  # the last one has coefficients of thousands of characters
+    [
+        *arms.KINDS,
+        lambda: arms.general_arm(7),
+    ],  # the last one has coefficients of thousands of characters
 )
 @pytest.mark.parametrize("order", ["base-to-tip", "tip-to-base"])
 def test_every_kind_of_robot(robot: Callable[[], Mechanism], order: str) -> None:
@@ -76,15 +81,22 @@ def test_every_kind_of_robot(robot: Callable[[], Mechanism], order: str) -> None
 
 
 def test_equal_input_gives_equal_text() -> None:
-    assert to_json(ec.base_parameters(arms.panda())) == to_json(ec.base_parameters(arms.panda()))
+    assert to_json(ec.base_parameters(arms.panda())) == to_json(
+        ec.base_parameters(arms.panda())
+    )
 
 
-@pytest.mark.parametrize("name", ["<b>\"'&|\\", "two\nlines", "ζ̄ 腕", "\x1b[31m\x00", "true", "1e5", "a" * 3000])
+@pytest.mark.parametrize(
+    "name",
+    ["<b>\"'&|\\", "two\nlines", "ζ̄ 腕", "\x1b[31m\x00", "true", "1e5", "a" * 3000],
+)
 def test_any_name(name: str) -> None:
     check_round_trip(ec.base_parameters(replace(arms.double_pendulum(), name=name)))
 
 
-@pytest.mark.parametrize("name", ["<b>\"'&|\\", "ζ 腕", "left/arm", "true", "1e5", "a" * 3000])
+@pytest.mark.parametrize(
+    "name", ["<b>\"'&|\\", "ζ 腕", "left/arm", "true", "1e5", "a" * 3000]
+)
 def test_any_name_of_a_body(name: str) -> None:
     arm = arms.double_pendulum()
     bodies = tuple(replace(b, name=f"{name}{i}") for i, b in enumerate(arm.bodies))
@@ -94,18 +106,30 @@ def test_any_name_of_a_body(name: str) -> None:
 def test_numbers_beside_exact_coefficients(saved: Path) -> None:
     data = json.loads(saved.read_text(encoding="utf-8"))
     terms = {t["parameter"]: t for t in data["base"][0]["terms"]}
-    assert terms["M6"] == {"parameter": "M6", "coefficient": "D3^2", "value": pytest.approx(0.45**2)}
-    unknown = json.loads(to_json(ec.base_parameters(arms.stanford())))["base"][0]["terms"]
+    assert terms["M6"] == {
+        "parameter": "M6",
+        "coefficient": "D3^2",
+        "value": pytest.approx(0.45**2),
+    }
+    unknown = json.loads(to_json(ec.base_parameters(arms.stanford())))["base"][0][
+        "terms"
+    ]
     assert [t["value"] for t in unknown if "d2" in t["coefficient"]] == [None, None]
 
 
 # -- verification -----------------------------------------------------------------------------------------------------
 
 
-def test_a_saved_set_verifies_with_fresh_points(saved: Path, base: ec.BaseModel) -> None:
+def test_a_saved_set_verifies_with_fresh_points(
+    saved: Path, base: ec.BaseModel
+) -> None:
     checks = [ec.verify(saved), ec.verify(saved), ec.verify(saved, seed=123)]
     assert [check.rank for check in checks] == [36] * 3
-    primes = [p for certificate in (*checks, base.certificate) for p in certificate.identity_primes]
+    primes = [
+        p
+        for certificate in (*checks, base.certificate)
+        for p in certificate.identity_primes
+    ]
     assert len(set(primes)) == 8
     assert ec.verify(saved, seed=checks[0].seed) == checks[0]
 
@@ -130,37 +154,63 @@ FORGERIES: dict[str, Callable[[list[dict[int, RationalFunction]]], object]] = {
 
 
 @pytest.mark.parametrize("forgery", FORGERIES)
-def test_forgeries_that_agree_with_themselves_are_refuted(base: ec.BaseModel, tmp_path: Path, forgery: str) -> None:
+def test_forgeries_that_agree_with_themselves_are_refuted(
+    base: ec.BaseModel, tmp_path: Path, forgery: str
+) -> None:
     rows = [dict(row) for row in base.matrix.rows]
     FORGERIES[forgery](rows)
-    matrix = replace(base.matrix, rows=tuple(rows), pivots=tuple(min(row) for row in rows))
-    ec.save_base(replace(base, matrix=matrix, certificate=replace(base.certificate, rank=len(rows))), tmp_path / "f")
+    matrix = replace(
+        base.matrix, rows=tuple(rows), pivots=tuple(min(row) for row in rows)
+    )
+    ec.save_base(
+        replace(
+            base, matrix=matrix, certificate=replace(base.certificate, rank=len(rows))
+        ),
+        tmp_path / "f",
+    )
     assert ec.load_base(tmp_path / "f").matrix == matrix
     with pytest.raises(ec.CertificateError):
         ec.verify(tmp_path / "f")
 
 
 def coefficient(data: Any) -> None:
-    term = next(t for row in data["base"] for t in row["terms"] if "D3" in t["coefficient"])
+    term = next(
+        t for row in data["base"] for t in row["terms"] if "D3" in t["coefficient"]
+    )
     term["coefficient"] = term["coefficient"].replace("D3", "RL4")
 
 
 TAMPERED: dict[str, Callable[[Any], object]] = {
     "coefficient": coefficient,
     "sign": lambda data: data["base"][1]["terms"][1].update(coefficient="1"),
-    "tiny change": lambda data: data["base"][1]["terms"][1].update(coefficient="-1.000000000000001"),
+    "tiny change": lambda data: data["base"][1]["terms"][1].update(
+        coefficient="-1.000000000000001"
+    ),
     "row dropped": lambda data: data["base"].pop(3),
-    "row dropped, rank adjusted": lambda data: (data["base"].pop(3), data["certificate"].update(rank=35)),
+    "row dropped, rank adjusted": lambda data: (
+        data["base"].pop(3),
+        data["certificate"].update(rank=35),
+    ),
     "term dropped": lambda data: data["base"][0]["terms"].pop(),
-    "term of zero": lambda data: data["base"][0]["terms"].append({"parameter": "XX1", "coefficient": "0"}),
+    "term of zero": lambda data: data["base"][0]["terms"].append(
+        {"parameter": "XX1", "coefficient": "0"}
+    ),
     "term moved": lambda data: data["base"][0]["terms"][-1].update(parameter="M2"),
     "row added": lambda data: data["base"].insert(
-        0, {"name": "XX1", "unit": "", "expression": "", "terms": [{"parameter": "XX1", "coefficient": "1"}]}
+        0,
+        {
+            "name": "XX1",
+            "unit": "",
+            "expression": "",
+            "terms": [{"parameter": "XX1", "coefficient": "1"}],
+        },
     ),
     "rows swapped": lambda data: data["base"].reverse(),
     "order": lambda data: data["order"].reverse(),
     "another gravity": lambda data: data["model"].update(gravity=[1, 2, 3]),
-    "another joint": lambda data: data["model"]["bodies"][2]["joint"]["steps"][-1].update(motion="translation"),
+    "another joint": lambda data: data["model"]["bodies"][2]["joint"]["steps"][
+        -1
+    ].update(motion="translation"),
     "another length": lambda data: data["model"]["symbols"].update(D3="0.5"),
     "certificate of another rank": lambda data: data["certificate"].update(rank=35),
     "rank": lambda data: data.update(rank=35),
@@ -192,7 +242,9 @@ def test_the_wording_counts_whatever_version_wrote_it(saved: Path) -> None:
         ec.verify(saved)
 
 
-def test_knowing_the_recorded_primes_does_not_help(base: ec.BaseModel, tmp_path: Path) -> None:
+def test_knowing_the_recorded_primes_does_not_help(
+    base: ec.BaseModel, tmp_path: Path
+) -> None:
     certificate = base.certificate
     known = prod(certificate.identity_primes) * certificate.minor_prime
     rows = [dict(row) for row in base.matrix.rows]
@@ -200,7 +252,9 @@ def test_knowing_the_recorded_primes_does_not_help(base: ec.BaseModel, tmp_path:
     forged = replace(base, matrix=replace(base.matrix, rows=tuple(rows)))
     forms = virtual_power_form(forged.mechanism)
     # the repetition with the recorded seed cannot notice it: all its primes are known
-    repeated = certify(forms, forged.matrix, certificate.seed, model_at_stated_values(forged.mechanism))
+    repeated = certify(
+        forms, forged.matrix, certificate.seed, model_at_stated_values(forged.mechanism)
+    )
     assert repeated.identity_primes == certificate.identity_primes
     ec.save_base(replace(forged, certificate=repeated), tmp_path / "f")
     with pytest.raises(ec.CertificateError, match="effect of M3"):
@@ -233,7 +287,9 @@ def test_every_part_of_the_evidence_can_be_forged_here() -> None:
 
 
 @pytest.mark.parametrize("name", EVIDENCE)
-def test_evidence_that_its_seed_does_not_give_is_refused(saved: Path, name: str) -> None:
+def test_evidence_that_its_seed_does_not_give_is_refused(
+    saved: Path, name: str
+) -> None:
     data = json.loads(saved.read_text(encoding="utf-8"))
     data["certificate"][name] = EVIDENCE[name]
     saved.write_text(json.dumps(data), encoding="utf-8")
@@ -248,12 +304,18 @@ DAMAGED: dict[str, Callable[[str], str]] = {
     "list": lambda _: "[]",
     "schema": lambda text: text.replace("base-model/1", "base-model/9"),
     "expression": lambda text: text.replace('"D3^2"', '"__import__(1)"'),
-    "division by zero": lambda text: text.replace('"D3^2"', '"1", "denominator": "D3-D3"'),
+    "division by zero": lambda text: text.replace(
+        '"D3^2"', '"1", "denominator": "D3-D3"'
+    ),
     "term twice": lambda text: text.replace('"parameter": "M6"', '"parameter": "M5"'),
-    "unknown parameter": lambda text: text.replace('"parameter": "M6"', '"parameter": "M9"'),
+    "unknown parameter": lambda text: text.replace(
+        '"parameter": "M6"', '"parameter": "M9"'
+    ),
     "extra key": lambda text: text.replace('"seed"', '"sede"', 1),
     "negative seed": lambda text: text.replace('"seed": 2015', '"seed": -1'),
-    "prime": lambda text: text.replace('"identity_primes": [', '"identity_primes": ["p", '),
+    "prime": lambda text: text.replace(
+        '"identity_primes": [', '"identity_primes": ["p", '
+    ),
     "nan": lambda text: text.replace('"rank": 36', '"rank": NaN'),
     "no model": lambda text: text[: text.index('"model"')] + '"model": {}}',
 }

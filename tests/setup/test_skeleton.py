@@ -39,12 +39,18 @@ def written(folder: Path, log: pd.DataFrame, robot: str = ARM, **options: bool) 
     return skeleton(path, [folder / "log.csv"], folder).text
 
 
-@pytest.mark.parametrize(("angle", "moment"), [("Winkel {}", "Moment {}"), ("a_{}", "b_{}")])
+@pytest.mark.parametrize(
+    ("angle", "moment"), [("Winkel {}", "Moment {}"), ("a_{}", "b_{}")]
+)
 def test_two_commands_lead_from_strange_columns_to_a_model(
     angle: str, moment: str, motion: Motion, tmp_path: Path
 ) -> None:
     (tmp_path / "arm.urdf").write_text(ARM)
-    names = {"Uhr": motion["t"], angle.format("A"): motion["q"][:, 0], angle.format("B"): motion["q"][:, 1]}
+    names = {
+        "Uhr": motion["t"],
+        angle.format("A"): motion["q"][:, 0],
+        angle.format("B"): motion["q"][:, 1],
+    }
     names |= {
         moment.format("A"): motion["tau"][:, 0],
         moment.format("B"): motion["tau"][:, 1],
@@ -73,14 +79,22 @@ def test_two_commands_lead_from_strange_columns_to_a_model(
         ("q{n+3} deg", "position: {all: {column: 'q{n+3} deg', unit: deg}}"),
     ],
 )
-def test_patterns_units_and_questions(pattern: str, stated: str, motion: Motion, tmp_path: Path) -> None:
+def test_patterns_units_and_questions(
+    pattern: str, stated: str, motion: Motion, tmp_path: Path
+) -> None:
     log = pd.DataFrame({"time [ms]": 1e3 * motion["t"]})
     for k, name in enumerate(("shoulder_joint", "elbow_joint")):
-        column = pattern.replace("{n}", str(k + 1)).replace("{i}", str(k)).replace("{name}", name)
+        column = (
+            pattern.replace("{n}", str(k + 1))
+            .replace("{i}", str(k))
+            .replace("{name}", name)
+        )
         column = column.replace("{n+3}", str(k + 4))
         log[column] = motion["q"][:, k] * (180 / np.pi if "deg" in column else 1)
         log[f"tau_{k}"] = motion["tau"][:, k]
-    if "{n+3}" in pattern:  # numbers that begin with neither 0 nor 1 are those of a family by its values
+    if (
+        "{n+3}" in pattern
+    ):  # numbers that begin with neither 0 nor 1 are those of a family by its values
         log.columns = [column.replace(" deg", " Grad") for column in log.columns]
         stated = "position: {all: {column: 'q{n+3} Grad', unit: deg}}"
     text = written(tmp_path, log)
@@ -92,13 +106,19 @@ def test_patterns_units_and_questions(pattern: str, stated: str, motion: Motion,
 
 
 def test_what_is_missing_is_asked_for(motion: Motion, tmp_path: Path) -> None:
-    log = pd.DataFrame({"q1": motion["q"][:, 0], "q2": motion["q"][:, 1], "x": motion["t"], "y": 1.0})
+    log = pd.DataFrame(
+        {"q1": motion["q"][:, 0], "q2": motion["q"][:, 1], "x": motion["t"], "y": 1.0}
+    )
     text = written(tmp_path, log)
-    assert "no columns for outputs of arm can be told from their names" in " ".join(text.replace("#", "").split())
+    assert "no columns for outputs of arm can be told from their names" in " ".join(
+        text.replace("#", "").split()
+    )
     assert '  # output: "…_{n}"' in text
 
 
-def test_words_count_beside_words_that_nobody_knows(motion: Motion, tmp_path: Path) -> None:
+def test_words_count_beside_words_that_nobody_knows(
+    motion: Motion, tmp_path: Path
+) -> None:
     """Torques of viscous friction look like velocities."""
     log = pd.DataFrame({"Zeit": motion["t"]})
     for k in (0, 1):
@@ -114,19 +134,26 @@ def joint_after_joint(motion: Motion, names: Sequence[object]) -> pd.DataFrame:
     """A log with a row for every joint and time."""
     signals = {"position": "q", "velocity": "qd", "effort": "tau"}
     parts = (
-        pd.DataFrame({"time": motion["t"], "joint": name} | {word: motion[key][:, k] for word, key in signals.items()})
+        pd.DataFrame(
+            {"time": motion["t"], "joint": name}
+            | {word: motion[key][:, k] for word, key in signals.items()}
+        )
         for k, name in enumerate(names)
     )
     return pd.concat(parts, ignore_index=True)
 
 
-@pytest.mark.parametrize("labels", [["shoulder", "elbow"], [1, 2], ["Achse A", "Achse B"]])
+@pytest.mark.parametrize(
+    "labels", [["shoulder", "elbow"], [1, 2], ["Achse A", "Achse B"]]
+)
 @pytest.mark.parametrize("order", ["by joint", "by time", "none"])
 def test_rows_of_one_time_are_put_side_by_side(
     order: str, labels: list[object], motion: Motion, tmp_path: Path
 ) -> None:
     log = joint_after_joint(motion, labels)
-    log = {"by joint": log, "by time": log.sort_values("time", kind="stable")}.get(order, log.sample(frac=1))
+    log = {"by joint": log, "by time": log.sort_values("time", kind="stable")}.get(
+        order, log.sample(frac=1)
+    )
     text = written(tmp_path, log)
     assert "rows of one 'time' are put side by side by 'joint'" in text
     assert "tried:\n#   - log.csv: 10 s at 300 Hz in 1 stretch" in text
@@ -135,13 +162,21 @@ def test_rows_of_one_time_are_put_side_by_side(
     assert min(score.r2 for score in result.validations[-1].scores) > 0.99
 
 
-def test_a_table_with_one_column_of_values_names_its_columns_by_their_labels(motion: Motion, tmp_path: Path) -> None:
-    columns = {f"{word}{k + 1}": motion[word][:, k] for word in ("q", "tau") for k in (0, 1)}
-    text = written(tmp_path, pd.DataFrame({"time": motion["t"], **columns}).melt(id_vars="time"))
+def test_a_table_with_one_column_of_values_names_its_columns_by_their_labels(
+    motion: Motion, tmp_path: Path
+) -> None:
+    columns = {
+        f"{word}{k + 1}": motion[word][:, k] for word in ("q", "tau") for k in (0, 1)
+    }
+    text = written(
+        tmp_path, pd.DataFrame({"time": motion["t"], **columns}).melt(id_vars="time")
+    )
     assert "  position: 'q{n}'\n  output: 'tau{n}'" in text
 
 
-def test_long_parquet_files_lack_what_was_not_logged(motion: Motion, tmp_path: Path) -> None:
+def test_long_parquet_files_lack_what_was_not_logged(
+    motion: Motion, tmp_path: Path
+) -> None:
     log = joint_after_joint(motion, ["shoulder", "elbow"]).drop(index=[5])
     log.astype({"joint": "category"}).to_parquet(tmp_path / "log.parquet", index=False)
     table = read_table_of(tmp_path / "log.parquet")
@@ -154,21 +189,35 @@ def read_table_of(path: Path) -> Mapping[str, Floats]:
     return next(opened(path).tables()).columns
 
 
-def test_rows_without_a_label_and_rows_that_are_cut_off_count_for_nothing(motion: Motion, tmp_path: Path) -> None:
+def test_rows_without_a_label_and_rows_that_are_cut_off_count_for_nothing(
+    motion: Motion, tmp_path: Path
+) -> None:
     log = joint_after_joint(motion, ["shoulder", None])
     log.to_csv(tmp_path / "log.csv", index=False)
-    assert opened(tmp_path / "log.csv").names[:3] == ("time", "position/shoulder", "velocity/shoulder")
+    assert opened(tmp_path / "log.csv").names[:3] == (
+        "time",
+        "position/shoulder",
+        "velocity/shoulder",
+    )
     with (tmp_path / "log.csv").open("a") as file:
         file.write("9.99,shoul")
-    assert len(read_table_of(tmp_path / "log.csv")["position/shoulder"]) == len(motion["t"])
+    assert len(read_table_of(tmp_path / "log.csv")["position/shoulder"]) == len(
+        motion["t"]
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "labels"),
     [
-        ("mode", np.where(np.arange(3000) % 900 < 450, "AUTO", "MANUAL")),  # at other times
+        (
+            "mode",
+            np.where(np.arange(3000) % 900 < 450, "AUTO", "MANUAL"),
+        ),  # at other times
         ("run", np.repeat(["first", "second"], 1500)),
-        ("note", np.repeat(["first", "second"], 1500)),  # beside q1, which is of one joint
+        (
+            "note",
+            np.repeat(["first", "second"], 1500),
+        ),  # beside q1, which is of one joint
     ],
 )
 def test_words_that_change_with_time_are_no_labels_of_rows(
@@ -176,7 +225,9 @@ def test_words_that_change_with_time_are_no_labels_of_rows(
 ) -> None:
     time = motion["t"] if name == "mode" else np.tile(motion["t"][:1500], 2)
     position = "q1" if name == "note" else "position"
-    pd.DataFrame({"time": time, name: labels, position: motion["q"][:, 0]}).to_csv(tmp_path / "log.csv", index=False)
+    pd.DataFrame({"time": time, name: labels, position: motion["q"][:, 0]}).to_csv(
+        tmp_path / "log.csv", index=False
+    )
     assert opened(tmp_path / "log.csv").names == ("time", name, position)
 
 
@@ -199,17 +250,30 @@ effects: [offset]
         ("cart_pos pole_angle cart_vel pole_vel F", [0, 1]),
     ],
 )
-def test_joints_with_names_of_their_own_are_told_by_their_rates(names: str, places: list[int], tmp_path: Path) -> None:
+def test_joints_with_names_of_their_own_are_told_by_their_rates(
+    names: str, places: list[int], tmp_path: Path
+) -> None:
     """One of them is not driven."""
     t = np.arange(3000) / 200
     rate = np.array([1.3, 2.9])
-    q, qd = np.array([0.3, 0.8]) * np.sin(np.outer(t, rate)), np.array([0.39, 2.32]) * np.cos(np.outer(t, rate))
+    q, qd = (
+        np.array([0.3, 0.8]) * np.sin(np.outer(t, rate)),
+        np.array([0.39, 2.32]) * np.cos(np.outer(t, rate)),
+    )
     force = np.random.default_rng(0).normal(size=len(t)) + 5 * np.sin(7 * t)
     columns, words = {"t": t}, names.split()
     pairs = [(q[:, k], qd[:, k]) for k in places]
     beside = "dot" in words[1] or words[1] == "v"
-    values = [v for pair in pairs for v in pair] if beside else [part[k] for k in (0, 1) for part in pairs]
-    text = written(tmp_path, pd.DataFrame(columns | dict(zip(words, [*values, force], strict=True))), CART_POLE)
+    values = (
+        [v for pair in pairs for v in pair]
+        if beside
+        else [part[k] for k in (0, 1) for part in pairs]
+    )
+    text = written(
+        tmp_path,
+        pd.DataFrame(columns | dict(zip(words, [*values, force], strict=True))),
+        CART_POLE,
+    )
     angle = next(word for word in words if word in ("theta", "alpha", "pole_angle"))
     length = next(word for word in words if word in ("x", "p", "cart_pos"))
     assert f"  position:\n    rail: {length}\n    hinge: {angle}\n" in text
@@ -225,16 +289,25 @@ def test_logs_without_time_ask_for_the_rate(motion: Motion, tmp_path: Path) -> N
     assert "  output: '{n+1}'" in text
 
 
-def test_currents_are_taken_for_torques_and_said_to_be(motion: Motion, tmp_path: Path) -> None:
+def test_currents_are_taken_for_torques_and_said_to_be(
+    motion: Motion, tmp_path: Path
+) -> None:
     log = pd.DataFrame({"timestamp": motion["t"]})
     for k in (0, 1):
-        log[f"actual_q_{k}"], log[f"actual_current_{k}"] = motion["q"][:, k], motion["tau"][:, k]
+        log[f"actual_q_{k}"], log[f"actual_current_{k}"] = (
+            motion["q"][:, k],
+            motion["tau"][:, k],
+        )
     text = written(tmp_path, log)
     assert "  output: 'actual_current_{i}'" in text
-    assert "give the torque per ampere as scale" in " ".join(text.replace("#", "").split())
+    assert "give the torque per ampere as scale" in " ".join(
+        text.replace("#", "").split()
+    )
 
 
-def test_commands_without_torques_make_a_fit_of_servos(motion: Motion, tmp_path: Path) -> None:
+def test_commands_without_torques_make_a_fit_of_servos(
+    motion: Motion, tmp_path: Path
+) -> None:
     log = pd.DataFrame({"timestamp": motion["t"]})
     for k in (0, 1):
         log[f"observation.state_{k}"] = np.degrees(motion["q"][:, k])
@@ -245,39 +318,56 @@ def test_commands_without_torques_make_a_fit_of_servos(motion: Motion, tmp_path:
     assert "log.csv: 10 s at 300 Hz in 1 stretch" in text
     (tmp_path / "setup.yaml").write_text(text)
     assert not ec.load_setup(tmp_path / "setup.yaml").columns[0].outputs
-    with pytest.raises(ec.InputError, match=r"there are commands of positions, .* servos .*; echelon setup"):
+    with pytest.raises(
+        ec.InputError,
+        match=r"there are commands of positions, .* servos .*; echelon setup",
+    ):
         ec.identify(ARM, tmp_path / "log.csv")
 
 
 def test_gears_that_a_urdf_states_are_offered(motion: Motion, tmp_path: Path) -> None:
     gear = """<transmission name="t"><joint name="elbow_joint"/><actuator name="motor2">
     <mechanicalReduction>100</mechanicalReduction></actuator></transmission></robot>"""
-    log = pd.DataFrame({"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]})
+    log = pd.DataFrame(
+        {"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]}
+    )
     text = written(tmp_path, log, ARM.replace("</robot>", gear))
     assert "\n# actuators: {motor2: 100*elbow_joint}\n" in text
 
 
-def test_forces_of_actuators_of_mujoco_pass_their_gears(motion: Motion, tmp_path: Path) -> None:
+def test_forces_of_actuators_of_mujoco_pass_their_gears(
+    motion: Motion, tmp_path: Path
+) -> None:
     hinge = '<joint name="{}" axis="0 1 0"/><geom type="box" size=".1 .1 .1" mass="1" pos=".1 0 0"/>'
     bodies = f"<body>{hinge.format('up')}<body pos='.3 0 0'>{hinge.format('low')}</body></body>"
     drives = '<motor name="m_low" joint="low" gear="20"/><motor name="m_up" joint="up" gear="50"/>'
-    text = f"<mujoco><worldbody>{bodies}</worldbody><actuator>{drives}</actuator></mujoco>"
+    text = (
+        f"<mujoco><worldbody>{bodies}</worldbody><actuator>{drives}</actuator></mujoco>"
+    )
     (tmp_path / "arm.xml").write_text(text)
     names = {"up": motion["q"][:, 0], "low": motion["q"][:, 1]}
-    names |= {"m_up": motion["tau"][:, 0], "m_low": motion["tau"][:, 1], "time": motion["t"]}
+    names |= {
+        "m_up": motion["tau"][:, 0],
+        "m_low": motion["tau"][:, 1],
+        "time": motion["t"],
+    }
     pd.DataFrame(names).to_csv(tmp_path / "log.csv", index=False)
     found = skeleton(tmp_path / "arm.xml", [tmp_path / "log.csv"], tmp_path)
     assert "# actuators: {m_low: 20*low, m_up: 50*up}" in found.text
     (tmp_path / "setup.yaml").write_text(found.text)
     outputs = ec.load_setup(tmp_path / "setup.yaml").columns[0].outputs
-    assert {name: (channel.column, channel.scale) for name, channel in outputs.items()} == {
+    assert {
+        name: (channel.column, channel.scale) for name, channel in outputs.items()
+    } == {
         "up": ("m_up", 50.0),
         "low": ("m_low", 20.0),
     }
 
 
 def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
-    log = pd.DataFrame({"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]})
+    log = pd.DataFrame(
+        {"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]}
+    )
     log["tau1"], log["tau2"] = motion["tau"].T
     text = written(tmp_path, log, PENDULUM)
     assert "\n" + PENDULUM + "log:\n  time: t\n" in text
@@ -286,27 +376,53 @@ def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
         skeleton(tmp_path / "setup.yaml", [tmp_path / "log.csv"], tmp_path)
 
 
-def test_rates_come_from_velocities_or_coarse_stamps(motion: Motion, tmp_path: Path) -> None:
-    both = {f"{name}{k}": motion[name][:, k] for name in ("q", "qd", "tau") for k in (0, 1)}
-    for first, why in (({}, "what the velocities say"), ({"t": np.floor(50 * motion["t"]) / 50}, "coarser than")):
+def test_rates_come_from_velocities_or_coarse_stamps(
+    motion: Motion, tmp_path: Path
+) -> None:
+    both = {
+        f"{name}{k}": motion[name][:, k] for name in ("q", "qd", "tau") for k in (0, 1)
+    }
+    for first, why in (
+        ({}, "what the velocities say"),
+        ({"t": np.floor(50 * motion["t"]) / 50}, "coarser than"),
+    ):
         written(tmp_path, pd.DataFrame(first | both))
         found = skeleton(tmp_path / "arm.urdf", [tmp_path / "log.csv"], tmp_path)
         assert "  rate: 300 " in found.text
         assert any(why in line for line in found.report)
         assert not any("time" in question for question in found.undecided)
     still = {**both, "qd0": 0 * both["qd0"], "qd1": 0 * both["qd1"]}
-    for damaged in ({"t": 0 * motion["t"]} | both, still):  # a clock that stands, velocities that say nothing
+    for damaged in (
+        {"t": 0 * motion["t"]} | both,
+        still,
+    ):  # a clock that stands, velocities that say nothing
         written(tmp_path, pd.DataFrame(damaged))
-        assert "rate: 300 " not in skeleton(tmp_path / "arm.urdf", [tmp_path / "log.csv"], tmp_path).text
+        assert (
+            "rate: 300 "
+            not in skeleton(
+                tmp_path / "arm.urdf", [tmp_path / "log.csv"], tmp_path
+            ).text
+        )
 
 
 @pytest.mark.parametrize("order", ["quantities", "joints"])
-def test_names_of_their_own_are_told_by_values_and_order(order: str, motion: Motion, tmp_path: Path) -> None:
+def test_names_of_their_own_are_told_by_values_and_order(
+    order: str, motion: Motion, tmp_path: Path
+) -> None:
     q, tau = motion["q"], motion["tau"]
     columns = {"alpha": q[:, 0], "beta": q[:, 1], "Mx": tau[:, 0], "lift": tau[:, 1]}
-    names = ["alpha", "beta", "Mx", "lift"] if order == "quantities" else ["alpha", "Mx", "beta", "lift"]
+    names = (
+        ["alpha", "beta", "Mx", "lift"]
+        if order == "quantities"
+        else ["alpha", "Mx", "beta", "lift"]
+    )
     count = np.arange(len(q))
-    table = {"n": count, "when": motion["t"], **{name: columns[name] for name in names}, "warm": 30 + 0 * count}
+    table = {
+        "n": count,
+        "when": motion["t"],
+        **{name: columns[name] for name in names},
+        "warm": 30 + 0 * count,
+    }
     (tmp_path / "setup.yaml").write_text(written(tmp_path, pd.DataFrame(table)))
     read = ec.load_setup(tmp_path / "setup.yaml").columns[0]
     assert [channel.column for channel in read.positions.values()] == ["alpha", "beta"]
@@ -319,31 +435,52 @@ def test_vectors_of_actuators_of_mujoco_are_joint_torques_by_their_gears(
 ) -> None:
     hinge = '<joint name="{}" axis="0 1 0"/><geom type="box" size=".1 .1 .1" mass="1" pos=".1 0 0"/>'
     bodies = f"<body>{hinge.format('up')}<body pos='.3 0 0'>{hinge.format('low')}</body></body>"
-    drives = '<motor name="m_low" joint="low"/><motor name="m_up" joint="up" gear="50"/>'
+    drives = (
+        '<motor name="m_low" joint="low"/><motor name="m_up" joint="up" gear="50"/>'
+    )
     text = f"<mujoco><default><motor gear='20'/></default><worldbody>{bodies}</worldbody><actuator>{drives}</actuator>"
     (tmp_path / "arm.xml").write_text(f"{text}</mujoco>")
-    names = {"time": motion["t"], "qpos_0": motion["q"][:, 0], "qpos_1": motion["q"][:, 1]}
-    names |= {vector.format(0): motion["tau"][:, 1] / 20, vector.format(1): motion["tau"][:, 0] / 50}
+    names = {
+        "time": motion["t"],
+        "qpos_0": motion["q"][:, 0],
+        "qpos_1": motion["q"][:, 1],
+    }
+    names |= {
+        vector.format(0): motion["tau"][:, 1] / 20,
+        vector.format(1): motion["tau"][:, 0] / 50,
+    }
     pd.DataFrame(names).to_csv(tmp_path / "log.csv", index=False)
-    (tmp_path / "setup.yaml").write_text(skeleton(tmp_path / "arm.xml", [tmp_path / "log.csv"], tmp_path).text)
+    (tmp_path / "setup.yaml").write_text(
+        skeleton(tmp_path / "arm.xml", [tmp_path / "log.csv"], tmp_path).text
+    )
     outputs = ec.load_setup(tmp_path / "setup.yaml").columns[0].outputs
-    assert {name: (channel.column, channel.scale) for name, channel in outputs.items()} == {
+    assert {
+        name: (channel.column, channel.scale) for name, channel in outputs.items()
+    } == {
         "up": (vector.format(1), 50.0),
         "low": (vector.format(0), 20.0),
     }
 
 
-def test_of_two_robots_in_one_file_the_first_is_taken_and_the_other_named(motion: Motion, tmp_path: Path) -> None:
+def test_of_two_robots_in_one_file_the_first_is_taken_and_the_other_named(
+    motion: Motion, tmp_path: Path
+) -> None:
     log = pd.DataFrame({"time": motion["t"]})
     for side, sign in (("left", 1), ("right", -1)):
         for k in range(2):
-            log[f"{side}_q_{k + 1}"], log[f"{side}_tau_{k + 1}"] = sign * motion["q"][:, k], sign * motion["tau"][:, k]
+            log[f"{side}_q_{k + 1}"], log[f"{side}_tau_{k + 1}"] = (
+                sign * motion["q"][:, k],
+                sign * motion["tau"][:, k],
+            )
     text = written(tmp_path, log)
     assert "  position: 'left_q_{n}'\n" in text
-    assert "several sets of columns, left_…, right_…: taken are those of left_…" in " ".join(
-        text.replace("#", "").split()
+    assert (
+        "several sets of columns, left_…, right_…: taken are those of left_…"
+        in " ".join(text.replace("#", "").split())
     )
-    with pytest.raises(ec.InputError, match=r"left_…, right_…: say under log which are those of arm"):
+    with pytest.raises(
+        ec.InputError, match=r"left_…, right_…: say under log which are those of arm"
+    ):
         ec.identify(tmp_path / "arm.urdf", tmp_path / "log.csv")
 
 
@@ -351,22 +488,42 @@ def test_motors_and_links_are_not_two_robots(motion: Motion, tmp_path: Path) -> 
     log = pd.DataFrame({"time": motion["t"]})
     for side, gear in (("motor", 50), ("link", 1)):
         for k in range(2):
-            log[f"{side}_q_{k + 1}"], log[f"{side}_tau_{k + 1}"] = gear * motion["q"][:, k], motion["tau"][:, k] / gear
+            log[f"{side}_q_{k + 1}"], log[f"{side}_tau_{k + 1}"] = (
+                gear * motion["q"][:, k],
+                motion["tau"][:, k] / gear,
+            )
     assert "several sets" not in written(tmp_path, log)
 
 
-def test_units_after_names_that_say_nothing_count(motion: Motion, tmp_path: Path) -> None:
+def test_units_after_names_that_say_nothing_count(
+    motion: Motion, tmp_path: Path
+) -> None:
     log = pd.DataFrame({"sec": motion["t"]})
     for k, name in enumerate(("shoulder", "elbow")):
-        log[f"{name}_deg"], log[f"{name}_load_kg.cm"] = np.degrees(motion["q"][:, k]), 10.197 * motion["tau"][:, k]
-    assert "elbow_joint: {column: elbow_load_kg.cm, unit: kgf·cm}" in written(tmp_path, log)
+        log[f"{name}_deg"], log[f"{name}_load_kg.cm"] = (
+            np.degrees(motion["q"][:, k]),
+            10.197 * motion["tau"][:, k],
+        )
+    assert "elbow_joint: {column: elbow_load_kg.cm, unit: kgf·cm}" in written(
+        tmp_path, log
+    )
 
 
-def test_gravity_and_inertia_tell_the_rate_of_a_log_without_a_clock(motion: Motion, tmp_path: Path) -> None:
+def test_gravity_and_inertia_tell_the_rate_of_a_log_without_a_clock(
+    motion: Motion, tmp_path: Path
+) -> None:
     (tmp_path / "arm.urdf").write_text(ARM)
-    log = pd.DataFrame(np.hstack([motion["q"], motion["tau"]]), columns=["q1", "q2", "tau1", "tau2"])
+    log = pd.DataFrame(
+        np.hstack([motion["q"], motion["tau"]]), columns=["q1", "q2", "tau1", "tau2"]
+    )
     log.to_csv(tmp_path / "log.csv", index=False)
-    said = run("setup", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv"), "-o", str(tmp_path / "setup.yaml"))
+    said = run(
+        "setup",
+        str(tmp_path / "arm.urdf"),
+        str(tmp_path / "log.csv"),
+        "-o",
+        str(tmp_path / "setup.yaml"),
+    )
     assert said.returncode == 0, said.stderr
     assert "explains the outputs if the rate is 300 Hz" in said.stdout
     assert "  rate: 300 " in (tmp_path / "setup.yaml").read_text()

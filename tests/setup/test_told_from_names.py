@@ -42,8 +42,14 @@ def made(folder: Path, content: Mapping[str, Any], *, matlab: bool = False) -> S
 def columns(content: Mapping[str, Floats]) -> dict[str, Floats]:
     found = {}
     for name, values in content.items():
-        several = dict(zip(range(2), values.T, strict=True)) if values.ndim == 2 else {0: values}
-        found |= {name.format(n=k + 1, j=JOINTS[k]): some for k, some in several.items()}
+        several = (
+            dict(zip(range(2), values.T, strict=True))
+            if values.ndim == 2
+            else {0: values}
+        )
+        found |= {
+            name.format(n=k + 1, j=JOINTS[k]): some for k, some in several.items()
+        }
     return found
 
 
@@ -61,8 +67,18 @@ OUTPUTS: dict[str, dict[str, Any]] = {
     "transposed": {"q": Q.T, "dq": QD.T, "torque": TAU.T, "q_cmd": ASKED.T},
     "struct": {"log": {"t": TIME, "q": Q, "dq": QD, "tau": TAU, "q_ref": ASKED}},
     "runs": {
-        "train": {"t": TIME[:2000], "q": Q[:2000], "tau": TAU[:2000], "q_des": ASKED[:2000]},
-        "test": {"t": TIME[2000:], "q": Q[2000:], "tau": TAU[2000:], "q_des": ASKED[2000:]},
+        "train": {
+            "t": TIME[:2000],
+            "q": Q[:2000],
+            "tau": TAU[:2000],
+            "q_des": ASKED[:2000],
+        },
+        "test": {
+            "t": TIME[2000:],
+            "q": Q[2000:],
+            "tau": TAU[2000:],
+            "q_des": ASKED[2000:],
+        },
     },
     "currents": {"q": Q, "tau_cmd": TAU, "I_meas": TAU / 0.5, "q_des": ASKED},
     "warm": {"q": Q, "T": TAU, "temp": WARM, "q_des": ASKED},
@@ -71,7 +87,9 @@ OUTPUTS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("case", OUTPUTS)
 def test_torques_of_matlab_are_outputs(case: str, tmp_path: Path) -> None:
-    content = OUTPUTS[case] if case in ("struct", "runs") else {"t": TIME, **OUTPUTS[case]}
+    content = (
+        OUTPUTS[case] if case in ("struct", "runs") else {"t": TIME, **OUTPUTS[case]}
+    )
     found = made(tmp_path, content, matlab=True)
     output, asked = said(found, "output"), said(found, "reference")
     assert any(word in output for word in ("tau", "torque", "I_meas", "T["))
@@ -90,20 +108,32 @@ OPEN: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("case", OPEN)
-def test_no_servos_are_fitted_where_something_may_be_an_output(case: str, tmp_path: Path) -> None:
-    found = made(tmp_path, {"t": TIME, "q": Q, "dq": QD, "q_des": ASKED, **OPEN[case]}, matlab=True)
+def test_no_servos_are_fitted_where_something_may_be_an_output(
+    case: str, tmp_path: Path
+) -> None:
+    found = made(
+        tmp_path,
+        {"t": TIME, "q": Q, "dq": QD, "q_des": ASKED, **OPEN[case]},
+        matlab=True,
+    )
     assert not found.is_complete
     assert not said(found, "input")
     assert any(name in " ".join(found.undecided) for name in OPEN[case])
 
 
-@pytest.mark.parametrize("more", [{}, {"temp": WARM}, {"status": STILL}, {"dq_des": QD, "ddq_des": QD}])
+@pytest.mark.parametrize(
+    "more", [{}, {"temp": WARM}, {"status": STILL}, {"dq_des": QD, "ddq_des": QD}]
+)
 def test_commands_beside_nothing_that_may_be_an_output_are_those_of_servos(
     more: dict[str, Floats], tmp_path: Path
 ) -> None:
-    found = made(tmp_path, {"t": TIME, "q": Q, "dq": QD, "q_des": ASKED, **more}, matlab=True)
+    found = made(
+        tmp_path, {"t": TIME, "q": Q, "dq": QD, "q_des": ASKED, **more}, matlab=True
+    )
     assert "q_des" in said(found, "input")
-    with pytest.raises(ec.InputError, match="servos can be fitted: name these under input"):
+    with pytest.raises(
+        ec.InputError, match="servos can be fitted: name these under input"
+    ):
         ec.identify(tmp_path / "arm.urdf", tmp_path / "log.mat")
 
 
@@ -111,13 +141,31 @@ def test_commands_beside_nothing_that_may_be_an_output_are_those_of_servos(
 
 
 SILENT: dict[str, tuple[dict[str, Floats], str]] = {
-    "motor and link": ({"motor_pos_{n}": Q, "link_pos_{n}": STILL, "tau_{n}": TAU}, "motor_pos"),
-    "motor and joint": ({"motor_position_{n}": Q, "joint_position_{n}": STILL, "torque_{n}": TAU}, "motor_position"),
+    "motor and link": (
+        {"motor_pos_{n}": Q, "link_pos_{n}": STILL, "tau_{n}": TAU},
+        "motor_pos",
+    ),
+    "motor and joint": (
+        {"motor_position_{n}": Q, "joint_position_{n}": STILL, "torque_{n}": TAU},
+        "motor_position",
+    ),
     "names": ({"q_mot_{j}": Q, "q_{j}": STILL, "tau_{j}": TAU}, "q_mot"),
-    "names first": ({"{j}_pos": STILL, "{j}_pos_motor": Q, "{j}_tau": TAU}, "pos_motor"),
-    "two numbers": ({"encoder2_{n}": STILL, "encoder1_{n}": Q, "tau_{n}": TAU}, "encoder1"),
-    "one of them": ({"motor_pos_{n}": Q, "link_pos_{n}": Q * [1, 0], "tau_{n}": TAU}, "motor_pos"),
-    "no numbers": ({"motor_pos_{n}": Q, "link_pos_{n}": np.full_like(Q, np.nan), "tau_{n}": TAU}, "motor_pos"),
+    "names first": (
+        {"{j}_pos": STILL, "{j}_pos_motor": Q, "{j}_tau": TAU},
+        "pos_motor",
+    ),
+    "two numbers": (
+        {"encoder2_{n}": STILL, "encoder1_{n}": Q, "tau_{n}": TAU},
+        "encoder1",
+    ),
+    "one of them": (
+        {"motor_pos_{n}": Q, "link_pos_{n}": Q * [1, 0], "tau_{n}": TAU},
+        "motor_pos",
+    ),
+    "no numbers": (
+        {"motor_pos_{n}": Q, "link_pos_{n}": np.full_like(Q, np.nan), "tau_{n}": TAU},
+        "motor_pos",
+    ),
     "twice": ({"pos_link_{n}": STILL, "pos_{n}": Q, "tau_{n}": TAU}, "pos_"),
 }
 
@@ -136,16 +184,25 @@ def test_encoders_that_never_change_are_none(case: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("output", ["current", "torque"])
 def test_torques_that_are_all_zero_are_none(output: str) -> None:
-    log = pd.DataFrame(columns({"t": TIME, "q_{n}": Q, "tau_{n}": STILL, f"{output}_{{n}}": TAU}))
+    log = pd.DataFrame(
+        columns({"t": TIME, "q_{n}": Q, "tau_{n}": STILL, f"{output}_{{n}}": TAU})
+    )
     setup, _, _ = with_logs(ARM, log)
-    assert [channel.column for channel in setup.columns[0].outputs.values()] == [f"{output}_1", f"{output}_2"]
+    assert [channel.column for channel in setup.columns[0].outputs.values()] == [
+        f"{output}_1",
+        f"{output}_2",
+    ]
 
 
-def test_a_joint_whose_samples_are_all_alike_rests_or_has_no_sensor(tmp_path: Path) -> None:
+def test_a_joint_whose_samples_are_all_alike_rests_or_has_no_sensor(
+    tmp_path: Path,
+) -> None:
     found = made(tmp_path, {"t": TIME, "q{n}": Q * [1, 0], "tau{n}": TAU})
     assert "\nlocked: {elbow_joint: 0.0}" in found.text
     assert any(
-        "not one sample of elbow_joint differs: do they rest, or have they no sensor?" in t for t in found.report
+        "not one sample of elbow_joint differs: do they rest, or have they no sensor?"
+        in t
+        for t in found.report
     )
 
 
@@ -178,10 +235,15 @@ def test_degrees_in_names_count_whatever_the_names_are(
 ) -> None:
     """Angles are so small that their size says nothing of their unit."""
     degrees = 0.1 * 180 / np.pi
-    found = made(tmp_path, {"t": TIME, position: degrees * Q, velocity: degrees * QD, output: TAU})
+    found = made(
+        tmp_path,
+        {"t": TIME, position: degrees * Q, velocity: degrees * QD, output: TAU},
+    )
     assert found.is_complete
     assert f"'unit': '{'°' if '°' in position else 'deg'}'" in said(found, "position")
-    assert f"'unit': '{'°/s' if '°' in position else 'deg/s'}'" in said(found, "velocity")
+    assert f"'unit': '{'°/s' if '°' in position else 'deg/s'}'" in said(
+        found, "velocity"
+    )
     assert not said(found, "reference")
 
 
@@ -200,8 +262,12 @@ def test_degrees_in_names_count_whatever_the_names_are(
         {"ddq{n}": np.full_like(QD, np.nan)},
     ],
 )
-def test_faults_of_columns_that_are_not_used_are_said_and_do_not_spoil_the_verdict(more: dict[str, Floats]) -> None:
-    result = ec.identify(ARM, pd.DataFrame(columns({"t": TIME, "q{n}": Q, **more, "tau{n}": TAU})))
+def test_faults_of_columns_that_are_not_used_are_said_and_do_not_spoil_the_verdict(
+    more: dict[str, Floats],
+) -> None:
+    result = ec.identify(
+        ARM, pd.DataFrame(columns({"t": TIME, "q{n}": Q, **more, "tau{n}": TAU}))
+    )
     assert result.verdict.startswith("The model predicts every output well")
     assert not result.reasons
     words = ("derivative", "exchanged", "no numbers in", "is 0 in all")

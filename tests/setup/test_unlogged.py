@@ -35,7 +35,9 @@ def motion() -> Motion:
     return swinging()
 
 
-def frame(motion: Motion, position: str = "q{n}", output: str = "tau{n}") -> pd.DataFrame:
+def frame(
+    motion: Motion, position: str = "q{n}", output: str = "tau{n}"
+) -> pd.DataFrame:
     found = pd.DataFrame({"t": motion["t"]})
     for pattern, values in ((position, motion["q"]), (output, motion["tau"])):
         for k, name in enumerate(("shoulder_joint", "elbow_joint")):
@@ -51,8 +53,12 @@ def frame(motion: Motion, position: str = "q{n}", output: str = "tau{n}") -> pd.
         (FLOATING, "free.tx: 0, free.ty: 0, free.tz: 0, free.r: 0"),
     ],
 )
-@pytest.mark.parametrize("names", [("q{n}", "tau{n}"), ("{name} Istwinkel", "{name} Drehmoment")])
-def test_joints_without_columns_rest(robot: str, rests: str, names: tuple[str, str], motion: Motion) -> None:
+@pytest.mark.parametrize(
+    "names", [("q{n}", "tau{n}"), ("{name} Istwinkel", "{name} Drehmoment")]
+)
+def test_joints_without_columns_rest(
+    robot: str, rests: str, names: tuple[str, str], motion: Motion
+) -> None:
     setup, _, _ = with_logs(robot, frame(motion, *names))
     assert setup.mechanism.velocities == ("shoulder_joint", "elbow_joint")
     told = [text for text in setup.assumed if "no columns for" in text]
@@ -80,20 +86,29 @@ def test_what_rests_in_the_log_is_locked_there(motion: Motion) -> None:
     log["gripper_joint_pos"], log["gripper_joint_effort"] = 0.03, 0.0
     result = ec.identify(ARM_WITH_GRIPPER, log)
     assert result.base.mechanism.velocities == ("shoulder_joint", "elbow_joint")
-    assert any("locked: {gripper_joint: 0.03}" in finding.text for finding in result.findings)
+    assert any(
+        "locked: {gripper_joint: 0.03}" in finding.text for finding in result.findings
+    )
 
 
-def test_an_output_without_a_column_is_not_measured(motion: Motion, tmp_path: Path) -> None:
+def test_an_output_without_a_column_is_not_measured(
+    motion: Motion, tmp_path: Path
+) -> None:
     log = frame(motion).drop(columns="tau1")
     result = ec.identify(ARM, log)
     assert [output.name for output in result.base.mechanism.outputs] == ["elbow_joint"]
-    assert any("nothing is measured of shoulder_joint" in finding.text for finding in result.findings)
+    assert any(
+        "nothing is measured of shoulder_joint" in finding.text
+        for finding in result.findings
+    )
     (tmp_path / "arm.urdf").write_text(ARM)
     log.to_csv(tmp_path / "log.csv", index=False)
     text = skeleton(tmp_path / "arm.urdf", [tmp_path / "log.csv"], tmp_path).text
     assert "\noutputs: [{actuator: elbow_joint}]\n" in text
     (tmp_path / "setup.yaml").write_text(text)
-    np.testing.assert_allclose(ec.identify(tmp_path / "setup.yaml", tmp_path / "log.csv").values, result.values)
+    np.testing.assert_allclose(
+        ec.identify(tmp_path / "setup.yaml", tmp_path / "log.csv").values, result.values
+    )
 
 
 NUMBERED = ["t", *(f"q{k}" for k in range(1, 8)), *(f"tau{k}" for k in range(1, 8))]
@@ -122,9 +137,14 @@ def test_an_arm_is_not_cut_short() -> None:
 def test_a_joint_called_alike_is_no_part_of_the_robot() -> None:
     """An elbow among columns that are called otherwise than the robot's joints says nothing of the other joints."""
     joints = ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3")
-    angles, moments = ([f"{name} {word}" for name in joints] for word in ("angle", "moment"))
+    angles, moments = (
+        [f"{name} {word}" for name in joints] for word in ("angle", "moment")
+    )
     names, rng = [*angles, *moments], np.random.default_rng(1)
-    robot, table = ec.load(robot_file("ur5_robot")), Table("", dict(zip(names, rng.normal(size=(12, 50)), strict=True)))
+    robot, table = (
+        ec.load(robot_file("ur5_robot")),
+        Table("", dict(zip(names, rng.normal(size=(12, 50)), strict=True))),
+    )
     found = guess(names, robot)
     assert found.problems
     assert not found.unlogged
@@ -136,19 +156,27 @@ def test_a_joint_called_alike_is_no_part_of_the_robot() -> None:
 def test_locked_joints_are_read_in_every_form() -> None:
     held = ec.load(ARM_WITH_GRIPPER, locked={"gripper_joint": 0.02})
     assert ec.base_parameters(held).rank == ec.base_parameters(ec.load(ARM)).rank
-    assert ec.load(FLOATING, locked={"free": 0}).velocities == ("shoulder_joint", "elbow_joint")
+    assert ec.load(FLOATING, locked={"free": 0}).velocities == (
+        "shoulder_joint",
+        "elbow_joint",
+    )
     text = 'echelon: 1\nmodified_dh: [{joint: revolute}, {joint: revolute, a: "0.3"}]\nlocked: {j2: pi/2}\n'
     assert ec.load(text).velocities == ("j1",)
     with pytest.raises(ec.InputError, match="there is no coordinate 'j3' to hold"):
         ec.load(text.replace("j2:", "j3:"))
 
 
-def test_a_joint_that_never_moves_is_locked_if_there_is_no_other_log(motion: Motion) -> None:
+def test_a_joint_that_never_moves_is_locked_if_there_is_no_other_log(
+    motion: Motion,
+) -> None:
     log = frame(motion)
     log["q2"], log["tau2"] = 0.4 + 1e-4 * (motion["q"][:, 1] > 0.5), 0.1
     setup, _, _ = with_logs(ARM, log)
     assert setup.mechanism.velocities == ("shoulder_joint",)
-    assert any("at rest all the time: elbow_joint, as by  locked: {elbow_joint: 0.4}" in text for text in setup.assumed)
+    assert any(
+        "at rest all the time: elbow_joint, as by  locked: {elbow_joint: 0.4}" in text
+        for text in setup.assumed
+    )
     later = pd.concat([log] * 50 + [frame(motion)], ignore_index=True)
     later["t"] = np.arange(len(later)) / 300
     for several in ([log, frame(motion)], later):

@@ -21,7 +21,9 @@ def noise() -> np.ndarray:
     return np.random.default_rng(3).standard_normal((6000, 3))
 
 
-@pytest.mark.parametrize(("order", "cutoff"), [(2, 3.0), (4, 40.0), (5, 260.0), (1, 250.0), (8, 20.0)])
+@pytest.mark.parametrize(
+    ("order", "cutoff"), [(2, 3.0), (4, 40.0), (5, 260.0), (1, 250.0), (8, 20.0)]
+)
 def test_response_is_the_square_of_butterworths(order: int, cutoff: float) -> None:
     impulse = np.zeros(16001)
     impulse[8000] = 1.0
@@ -40,7 +42,9 @@ def test_no_delay_and_no_filter(noise: np.ndarray) -> None:
     assert np.abs(lowpass(slow, 40, RATE) - slow)[200:-200].max() < 1e-7
     assert np.array_equal(lowpass(noise, INF, RATE), noise)
     line = 3 + 2 * t
-    assert np.allclose(lowpass(line, 5, RATE), line, atol=1e-9)  # at the ends too, because it is continued by itself
+    assert np.allclose(
+        lowpass(line, 5, RATE), line, atol=1e-9
+    )  # at the ends too, because it is continued by itself
 
 
 def test_channels_do_not_mix_whatever_their_number() -> None:
@@ -50,7 +54,9 @@ def test_channels_do_not_mix_whatever_their_number() -> None:
     assert np.allclose(together[:, 3, 2], lowpass(many[:, 3, 2], 30, RATE), atol=1e-14)
 
 
-@pytest.mark.parametrize("both", [butterworth(5, RATE), butterworth(100, RATE, 2), butterworth(250, RATE, 1)])
+@pytest.mark.parametrize(
+    "both", [butterworth(5, RATE), butterworth(100, RATE, 2), butterworth(250, RATE, 1)]
+)
 @pytest.mark.parametrize("influence", [1e-9, NEAR])
 def test_reach_bounds_the_influence_closely(both, influence: float) -> None:
     impulse = np.zeros(20001)
@@ -68,7 +74,9 @@ def test_impossible_cutoffs_are_refused(cutoff: float) -> None:
 
 
 @pytest.mark.parametrize(("cutoff", "factor"), [(40.0, 10), (12.0, 1), (4.0, 100)])
-def test_finite_filter_passes_its_band_and_stops_the_rest(cutoff: float, factor: int) -> None:
+def test_finite_filter_passes_its_band_and_stops_the_rest(
+    cutoff: float, factor: int
+) -> None:
     found = fir_lowpass(cutoff, RATE, factor)
     f, response = signal.freqz(found.taps, worN=40000, fs=RATE)
     passes = np.abs(response[f <= cutoff])
@@ -81,13 +89,18 @@ def test_finite_filter_passes_its_band_and_stops_the_rest(cutoff: float, factor:
 
 def test_finite_filter_computes_the_convolution(noise: np.ndarray) -> None:
     found = fir_lowpass(20, RATE, 7)
-    whole = np.stack([np.convolve(column, found.taps, "same") for column in noise.T], axis=1)
+    whole = np.stack(
+        [np.convolve(column, found.taps, "same") for column in noise.T], axis=1
+    )
     weight = np.convolve(np.ones(len(noise)), found.taps, "same")[:, None]
     assert np.allclose(found.apply(noise), (whole / weight)[::7], atol=1e-13)
     short = noise[: found.reach]
     weight = np.convolve(np.ones(len(short)), found.taps)[found.reach :][: len(short)]
     assert np.allclose(
-        found.apply(short)[:, 0], (np.convolve(short[:, 0], found.taps)[found.reach :][: len(short)] / weight)[::7]
+        found.apply(short)[:, 0],
+        (np.convolve(short[:, 0], found.taps)[found.reach :][: len(short)] / weight)[
+            ::7
+        ],
     )
 
 
@@ -109,19 +122,32 @@ def test_windows_fit_together(edge: float, start: int, seed: int) -> None:
     values = np.random.default_rng(seed).standard_normal((5000, 2))
     begin = start * found.factor if start * found.factor < 2500 else 0
     whole, window = found.apply(values), found.apply(values[begin:])
-    assert np.array_equal(found.kept(5000)[begin // found.factor :], found.kept(5000 - begin) + begin)
+    assert np.array_equal(
+        found.kept(5000)[begin // found.factor :], found.kept(5000 - begin) + begin
+    )
     inner = -(-found.reach // found.factor)
-    assert np.allclose(whole[begin // found.factor :][inner:], window[inner:], atol=1e-8)
+    assert np.allclose(
+        whole[begin // found.factor :][inner:], window[inner:], atol=1e-8
+    )
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.sampled_from(EDGES), st.integers(0, 2**31))
-def test_both_sides_filtered_alike_keep_a_linear_model_exact(edge: float, seed: int) -> None:
+def test_both_sides_filtered_alike_keep_a_linear_model_exact(
+    edge: float, seed: int
+) -> None:
     random = np.random.default_rng(seed)
     found = reduction(edge, RATE)
     assert found is not None
-    regressor, parameters = random.standard_normal((1500, 4, 6)), random.standard_normal(6)
-    assert np.allclose(found.apply(regressor @ parameters), found.apply(regressor) @ parameters, atol=1e-11)
+    regressor, parameters = (
+        random.standard_normal((1500, 4, 6)),
+        random.standard_normal(6),
+    )
+    assert np.allclose(
+        found.apply(regressor @ parameters),
+        found.apply(regressor) @ parameters,
+        atol=1e-11,
+    )
 
 
 @pytest.mark.parametrize("edge", [24.0, 6.4, 0.3])
@@ -135,12 +161,18 @@ def test_two_filters_pass_and_stop_like_one(edge: float) -> None:
     inner = slice(found.reach // found.factor + 1, -found.reach // found.factor - 1)
     passed = np.linspace(0.05, 1, 9) * edge
     folding = np.concatenate(
-        [np.linspace(1.5, 4, 20) * edge, RATE / found.before.factor + np.linspace(-1, 1, 9) * edge]
+        [
+            np.linspace(1.5, 4, 20) * edge,
+            RATE / found.before.factor + np.linspace(-1, 1, 9) * edge,
+        ]
     )
     for frequencies, gain in ((passed, 1.0), (folding[folding < RATE / 2], 0.0)):
         for f in frequencies:
             waves = np.cos(2 * np.pi * f * t + 0.3)
-            assert np.abs(found.apply(waves) - gain * waves[:: found.factor])[inner].max() < 5e-4, f
+            assert (
+                np.abs(found.apply(waves) - gain * waves[:: found.factor])[inner].max()
+                < 5e-4
+            ), f
 
 
 def test_what_reductions_are_made_of() -> None:

@@ -24,9 +24,16 @@ def moved(seed: int, samples: float, noise: str) -> tuple[Floats, Floats]:
     """Positions and velocities of three joints for a minute."""
     rng, (white, step, rough) = np.random.default_rng(seed), NOISES[noise]
     time = np.arange(round(60 * samples)) / samples
-    speeds, size, phase = rng.uniform(0.5, 6, (4, 3)), rng.uniform(0.1, 0.5, (4, 3)), rng.uniform(0, 6, (4, 3))
+    speeds, size, phase = (
+        rng.uniform(0.5, 6, (4, 3)),
+        rng.uniform(0.1, 0.5, (4, 3)),
+        rng.uniform(0, 6, (4, 3)),
+    )
     angle = time[:, None, None] * speeds + phase
-    q, qd = np.sum(size * np.sin(angle), axis=1), np.sum(size * speeds * np.cos(angle), axis=1)
+    q, qd = (
+        np.sum(size * np.sin(angle), axis=1),
+        np.sum(size * speeds * np.cos(angle), axis=1),
+    )
     q = step * np.round((q + white * rng.standard_normal(q.shape)) / step)
     return q, qd + rough * qd.std(axis=0) * rng.standard_normal(qd.shape)
 
@@ -38,7 +45,9 @@ def test_slopes_have_honest_errors(noise: str, samples: float) -> None:
     for seed in range(12):
         q, qd = moved(seed, samples, noise)
         time = np.arange(len(q), dtype=float)
-        found = [rate(own, measured, time) for own, measured in zip(q.T, qd.T, strict=True)]
+        found = [
+            rate(own, measured, time) for own, measured in zip(q.T, qd.T, strict=True)
+        ]
         off += [(some.slope - samples) / some.error for some in found]
     assert abs(np.mean(off)) < 0.7
     assert np.sqrt(np.mean(np.square(off))) < 1.5  # 1.07 for blocks of normal noise

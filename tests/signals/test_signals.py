@@ -32,7 +32,9 @@ def test_derivatives_are_right_up_to_a_sixth_of_the_rate(share: float) -> None:
     found = derivatives(np.stack([np.sin(w * TIME), TIME**2], axis=1), RATE)
     waves = (w * np.cos(w * TIME), -(w**2) * np.sin(w * TIME))
     for order, polynomial in enumerate((2 * TIME, 2 + 0 * TIME)):
-        error = np.abs(found[order] - np.stack([waves[order], polynomial], axis=1))[REACH:-REACH]
+        error = np.abs(found[order] - np.stack([waves[order], polynomial], axis=1))[
+            REACH:-REACH
+        ]
         assert error[:, 0].max() < 2e-3 * w ** (order + 1)
         assert error[:, 1].max() < 1e-6
 
@@ -51,14 +53,26 @@ def spin(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     a, ad, add = 0.8 * np.sin(2 * t), 1.6 * np.cos(2 * t), -3.2 * np.sin(2 * t)
     b, bd, bdd = 0.3 + 0.5 * t, 0.5 + 0 * t, 0 * t
     c, cd, cdd = t**2 / 3, 2 * t / 3, 2 / 3 + 0 * t
-    q = Rotation.from_euler("ZYX", np.stack([a, b, c], axis=1)).as_quat(scalar_first=True)
+    q = Rotation.from_euler("ZYX", np.stack([a, b, c], axis=1)).as_quat(
+        scalar_first=True
+    )
     sb, cb, sc, cc = np.sin(b), np.cos(b), np.sin(c), np.cos(c)
-    omega = np.stack([cd - ad * sb, bd * cc + ad * cb * sc, -bd * sc + ad * cb * cc], axis=1)
+    omega = np.stack(
+        [cd - ad * sb, bd * cc + ad * cb * sc, -bd * sc + ad * cb * cc], axis=1
+    )
     alpha = np.stack(
         [
             cdd - add * sb - ad * bd * cb,
-            bdd * cc - bd * cd * sc + add * cb * sc - ad * bd * sb * sc + ad * cd * cb * cc,
-            -bdd * sc - bd * cd * cc + add * cb * cc - ad * bd * sb * cc - ad * cd * cb * sc,
+            bdd * cc
+            - bd * cd * sc
+            + add * cb * sc
+            - ad * bd * sb * sc
+            + ad * cd * cb * cc,
+            -bdd * sc
+            - bd * cd * cc
+            + add * cb * cc
+            - ad * bd * sb * cc
+            - ad * cd * cb * sc,
         ],
         axis=1,
     )
@@ -115,19 +129,25 @@ def motion(seed: int) -> np.ndarray:
 @pytest.mark.parametrize("deviation", [1e-6, 1e-4, 1e-3])
 @pytest.mark.parametrize("seed", range(5))
 def test_white_noise_is_measured(deviation: float, seed: int) -> None:
-    x = motion(seed) + deviation * np.random.default_rng(100 + seed).standard_normal(8000)
+    x = motion(seed) + deviation * np.random.default_rng(100 + seed).standard_normal(
+        8000
+    )
     assert noise_deviation(spectrum(x, RATE)) == pytest.approx(deviation, rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_quantisation_and_coloured_noise_are_measured(seed: int) -> None:
     step = 2e-4
-    assert noise_deviation(spectrum(np.round(motion(seed) / step) * step, RATE)) == pytest.approx(
-        step / np.sqrt(12), rel=0.2
-    )
+    assert noise_deviation(
+        spectrum(np.round(motion(seed) / step) * step, RATE)
+    ) == pytest.approx(step / np.sqrt(12), rel=0.2)
     random = np.random.default_rng(seed)
-    coloured = 1e-4 * signal.lfilter(*signal.butter(1, 100, fs=RATE), random.standard_normal(8000))
-    assert noise_deviation(spectrum(motion(seed) + coloured, RATE)) == pytest.approx(np.std(coloured), rel=0.25)
+    coloured = 1e-4 * signal.lfilter(
+        *signal.butter(1, 100, fs=RATE), random.standard_normal(8000)
+    )
+    assert noise_deviation(spectrum(motion(seed) + coloured, RATE)) == pytest.approx(
+        np.std(coloured), rel=0.25
+    )
 
 
 @pytest.mark.parametrize("deviation", [1e-6, 1e-5, 1e-4, 1e-3])
@@ -141,15 +161,22 @@ def test_cutoff_is_nearly_the_best_of_all(deviation: float, seed: int) -> None:
     truth = derivatives(clean, RATE)[1]
 
     def error(at: float) -> float:
-        return float(np.std((derivatives(lowpass(noisy, at, RATE), RATE)[1] - truth)[1500:-1500]))
+        return float(
+            np.std((derivatives(lowpass(noisy, at, RATE), RATE)[1] - truth)[1500:-1500])
+        )
 
     errors = [error(at) for at in np.geomspace(1, 100, 40)]
-    assert error(best_cutoff(spectrum(noisy, RATE))) < 1.5 * min(errors) + 1e-4 * np.std(truth)
+    assert error(best_cutoff(spectrum(noisy, RATE))) < 1.5 * min(
+        errors
+    ) + 1e-4 * np.std(truth)
 
 
 def test_vibrations_little_above_the_noise_are_no_motion() -> None:
     random = np.random.default_rng(1)
-    hum = signal.sosfilt(signal.butter(2, [40, 50], "bandpass", fs=RATE, output="sos"), random.standard_normal(8000))
+    hum = signal.sosfilt(
+        signal.butter(2, [40, 50], "bandpass", fs=RATE, output="sos"),
+        random.standard_normal(8000),
+    )
     x = motion(1) + 1e-4 * random.standard_normal(8000) + 3e-4 * hum
     assert best_cutoff(spectrum(x, RATE)) < 15
 
@@ -166,7 +193,11 @@ def test_noise_of_derivatives_after_a_filter() -> None:
 
 
 def test_the_mean_frequency_of_velocity_is_rices() -> None:
-    found = spectrum(np.sin(2 * np.pi * 3 * TIME) + 1e-5 * np.random.default_rng(0).standard_normal(8000), RATE)
+    found = spectrum(
+        np.sin(2 * np.pi * 3 * TIME)
+        + 1e-5 * np.random.default_rng(0).standard_normal(8000),
+        RATE,
+    )
     assert found.mean_frequency() == pytest.approx(3, rel=0.05)
 
 
@@ -188,5 +219,8 @@ def test_stretches_between_gaps_vote_together() -> None:
 @given(st.floats(-40, 40))
 def test_shifting_undoes_a_delay(samples: float) -> None:
     late = chirp(TIME - samples / RATE)
-    assert np.abs(shifted(late[:, None], samples)[:, 0] - chirp(TIME))[100:-100].max() < 1e-6
+    assert (
+        np.abs(shifted(late[:, None], samples)[:, 0] - chirp(TIME))[100:-100].max()
+        < 1e-6
+    )
     assert np.array_equal(shifted(TIME, 3), np.append(TIME[3:], [TIME[-1]] * 3))

@@ -30,7 +30,10 @@ Answer = dict[str, Any]
 def derived(file: Path, *options: str) -> Answer:
     """What ``echelon derive`` prints: the first line, and the closed forms without their numbers."""
     parts = run("derive", file.name, *options, cwd=file.parent).stdout.split("\n\n")
-    return {"headline": parts[0], "forms": [line.split(maxsplit=1)[1] for line in parts[1].splitlines()]}
+    return {
+        "headline": parts[0],
+        "forms": [line.split(maxsplit=1)[1] for line in parts[1].splitlines()],
+    }
 
 
 def asked(file: Path, **changes: Any) -> Answer:
@@ -42,7 +45,10 @@ def asked(file: Path, **changes: Any) -> Answer:
 
 def counted(reply: Answer) -> Answer:
     """The part of a reply that the command prints, too."""
-    return {"headline": reply["headline"], "forms": [form["text"] for form in reply["forms"]]}
+    return {
+        "headline": reply["headline"],
+        "forms": [form["text"] for form in reply["forms"]],
+    }
 
 
 # -- changes, and files with the same change written into them ---------------------------------------------------------
@@ -64,7 +70,13 @@ def _d5_as_d3(robot: Answer) -> None:
 
 
 def _with_payload(robot: Answer) -> None:
-    row = {"joint": "fixed", "label": "L", "name": "payload", "parent": "j7", "separate": True}
+    row = {
+        "joint": "fixed",
+        "label": "L",
+        "name": "payload",
+        "parent": "j7",
+        "separate": True,
+    }
     robot["modified_dh"].append(row)
 
 
@@ -77,7 +89,9 @@ def _at_the_wrist(robot: Answer) -> None:
 
 
 def _with_friction(robot: Answer) -> None:
-    robot["effects"] = [{"type": kind, "at": "all"} for kind in ("viscous", "rotor_inertia")]
+    robot["effects"] = [
+        {"type": kind, "at": "all"} for kind in ("viscous", "rotor_inertia")
+    ]
 
 
 EDITS: dict[str, tuple[Answer, Callable[[Answer], None]]] = {
@@ -94,7 +108,10 @@ OPTIONS: dict[str, tuple[Answer, list[str]]] = {
     "no gravity": ({"gravity": "none"}, ["--gravity", "none"]),
     "a tilted base": ({"gravity": "0,3,-9"}, ["--gravity", "0,3,-9"]),
     "a floating base": ({"floating": True}, ["--floating"]),
-    "other representatives": ({"prefer": ["M7"], "order": "tip-to-base"}, ["--prefer", "M7", "--order", "tip-to-base"]),
+    "other representatives": (
+        {"prefer": ["M7"], "order": "tip-to-base"},
+        ["--prefer", "M7", "--order", "tip-to-base"],
+    ),
 }
 
 
@@ -110,15 +127,28 @@ def test_a_change_is_an_option_of_the_command(case: str) -> None:
 
 
 def test_joint_torques_of_a_floating_arm_see_ten_fewer() -> None:
-    assert asked(PANDA, floating=True)["rank"] - asked(PANDA, floating=True, sensors=["joints"])["rank"] == 10
-    assert asked(PANDA, floating=True)["rank"] == asked(PANDA, floating=True, sensors=["base"])["rank"]
+    assert (
+        asked(PANDA, floating=True)["rank"]
+        - asked(PANDA, floating=True, sensors=["joints"])["rank"]
+        == 10
+    )
+    assert (
+        asked(PANDA, floating=True)["rank"]
+        == asked(PANDA, floating=True, sensors=["base"])["rank"]
+    )
 
 
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"zero": ["a9"]}, "echelon: there is no length 'a9' (valid: d1, d3, a4, d5, a7)"),
-        ({"payload": "hand"}, "echelon: there is no link 'hand' (valid: j1, j2, j3, j4, j5, j6, j7)"),
+        (
+            {"zero": ["a9"]},
+            "echelon: there is no length 'a9' (valid: d1, d3, a4, d5, a7)",
+        ),
+        (
+            {"payload": "hand"},
+            "echelon: there is no link 'hand' (valid: j1, j2, j3, j4, j5, j6, j7)",
+        ),
         ({"gravity": "1,2"}, "echelon: panda.yaml: gravity is three numbers"),
         ({"locked": ["j9"]}, "echelon: there is no coordinate 'j9' to hold"),
     ],
@@ -127,11 +157,18 @@ def test_changes_that_do_not_fit_are_refused(changes: Answer, problem: str) -> N
     assert asked(PANDA, **changes)["error"].startswith(problem)
 
 
-@pytest.mark.parametrize("text", ["echelon: 1\nname: x\nmodified_dh:\n- {joint: revolut}\n", "a: [", "", "<robot"])
+@pytest.mark.parametrize(
+    "text",
+    ["echelon: 1\nname: x\nmodified_dh:\n- {joint: revolut}\n", "a: [", "", "<robot"],
+)
 @pytest.mark.parametrize("name", ["x.yaml", "x.urdf"])
-def test_bad_files_give_the_line_of_the_command(name: str, text: str, tmp_path: Path) -> None:
+def test_bad_files_give_the_line_of_the_command(
+    name: str, text: str, tmp_path: Path
+) -> None:
     (tmp_path / name).write_text(text)
-    assert asked(tmp_path / name)["error"] == run("derive", name, cwd=tmp_path).stderr.rstrip("\n")
+    assert asked(tmp_path / name)["error"] == run(
+        "derive", name, cwd=tmp_path
+    ).stderr.rstrip("\n")
 
 
 def test_models_of_mujoco_are_refused_in_one_line() -> None:
@@ -143,13 +180,22 @@ def test_models_of_mujoco_are_refused_in_one_line() -> None:
 
 def test_downloads_are_what_the_commands_write(tmp_path: Path) -> None:
     def written(kind: str) -> dict[str, str]:
-        request = {"name": "panda.yaml", "text": PANDA.read_text(), "changes": {}, "file": kind}
-        files: dict[str, str] = json.loads(answers().answer(json.dumps(request)))["files"]
+        request = {
+            "name": "panda.yaml",
+            "text": PANDA.read_text(),
+            "changes": {},
+            "file": kind,
+        }
+        files: dict[str, str] = json.loads(answers().answer(json.dumps(request)))[
+            "files"
+        ]
         return files
 
     for kind, name in (("json", "set.json"), ("latex", "set.tex")):
         text = run("derive", "panda.yaml", "--format", kind, cwd=EXAMPLES).stdout
-        assert {file: text.rstrip() for file, text in written(kind).items()} == {name: text.rstrip()}
+        assert {file: text.rstrip() for file, text in written(kind).items()} == {
+            name: text.rstrip()
+        }
     run("generate", "panda.yaml", "--output", str(tmp_path), cwd=EXAMPLES)
     assert written("c") == {file.name: file.read_text() for file in tmp_path.iterdir()}
 
@@ -168,14 +214,21 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (public / "arm.urdf").write_text(ARM.read_text())
     build_zoo(folder / "zoo", [public], site="../")
     builder = module("build_explorer", "build_explorer.py")
-    builder.build_page(folder / "explorer", [EXAMPLES], ROOT / "build" / "cache", [public])
+    builder.build_page(
+        folder / "explorer", [EXAMPLES], ROOT / "build" / "cache", [public]
+    )
     return folder
 
 
 @pytest.fixture(scope="module")
-def explorer(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Explorer]:
+def explorer(
+    page: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Explorer]:
     """One browser for all visits."""
-    with serving(page, pyodide=False) as port, DevTools(tmp_path_factory.mktemp("profile")) as browser:
+    with (
+        serving(page, pyodide=False) as port,
+        DevTools(tmp_path_factory.mktemp("profile")) as browser,
+    ):
         yield Explorer(browser, port)
 
 
@@ -208,7 +261,9 @@ def test_a_first_visit(visit: Visit) -> None:
 @pytest.mark.slow
 def test_gravity_and_a_floating_base(visit: Visit) -> None:
     _, still, floating, tilted = visit(
-        ("choose", "#gravity", "none"), ("click", "#floating"), ("choose", "#gravity", "0,-9.81,0")
+        ("choose", "#gravity", "none"),
+        ("click", "#floating"),
+        ("choose", "#gravity", "0,-9.81,0"),
     )
     assert seen(still) == told(PANDA, "--gravity", "none")
     assert "Base parameters: 43 → 39." in still["differences"]
@@ -261,7 +316,9 @@ def test_a_parameter_is_preferred(visit: Visit) -> None:
 
 @pytest.mark.slow
 def test_a_link_brings_the_answer_back(visit: Visit) -> None:
-    *_, last = visit(("click", "#joints [data-name=j2]"), ("choose", "#gravity", "none"))
+    *_, last = visit(
+        ("click", "#joints [data-name=j2]"), ("choose", "#gravity", "none")
+    )
     (again,) = visit(address=last["hash"])
     assert seen(again) == seen(last)
 
@@ -269,7 +326,9 @@ def test_a_link_brings_the_answer_back(visit: Visit) -> None:
 @pytest.mark.slow
 def test_a_robot_of_the_zoo_leads_to_its_page(visit: Visit) -> None:
     first, floating, other = visit(
-        ("click", "#floating"), ("choose", "#choice", "panda.yaml"), address="#robot=arm.urdf"
+        ("click", "#floating"),
+        ("choose", "#choice", "panda.yaml"),
+        address="#robot=arm.urdf",
     )
     assert (first["page"], floating["page"], other["page"]) == (
         "../zoo/arm/index.html",
@@ -280,8 +339,13 @@ def test_a_robot_of_the_zoo_leads_to_its_page(visit: Visit) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("start", "options"), [("index.html", []), ("arm-floating/index.html", ["--floating"])])
-def test_the_zoo_leads_to_the_explorer_and_back(start: str, options: list[str], explorer: Explorer) -> None:
+@pytest.mark.parametrize(
+    ("start", "options"),
+    [("index.html", []), ("arm-floating/index.html", ["--floating"])],
+)
+def test_the_zoo_leads_to_the_explorer_and_back(
+    start: str, options: list[str], explorer: Explorer
+) -> None:
     explorer.browser.open(f"http://127.0.0.1:{explorer.port}/zoo/{start}")
     explorer.browser.follow("a.explore")
     assert seen(explorer.answered()) == told(ARM, *options)
@@ -307,7 +371,11 @@ def test_a_description_is_written(visit: Visit, tmp_path: Path) -> None:
         ("silently", "type", "#editor", text),
         ("press", "Enter", "ctrl"),
     )
-    assert (offered["words"], closed["words"], again["words"]) == (["modified_dh"], [], ["modified_dh"])
+    assert (offered["words"], closed["words"], again["words"]) == (
+        ["modified_dh"],
+        [],
+        ["modified_dh"],
+    )
     assert accepted["editor"] == "echelon: 1\nmodified_dh: "
     assert seen(last) == derived(tmp_path / "robot.yaml")
     (linked,) = visit(address=last["hash"])
@@ -318,8 +386,12 @@ def test_a_description_is_written(visit: Visit, tmp_path: Path) -> None:
 def test_a_bad_file_gives_the_line_of_the_command(visit: Visit, tmp_path: Path) -> None:
     text = "echelon: 1\nname: x\nmodified_dh:\n- {joint: revolut}\n"
     (tmp_path / "robot.yaml").write_text(text)
-    *_, last = visit(WRITE, ("silently", "type", "#editor", text), ("click", "#robot [type=submit]"))
-    assert last["error"] == run("derive", "robot.yaml", cwd=tmp_path).stderr.rstrip("\n")
+    *_, last = visit(
+        WRITE, ("silently", "type", "#editor", text), ("click", "#robot [type=submit]")
+    )
+    assert last["error"] == run("derive", "robot.yaml", cwd=tmp_path).stderr.rstrip(
+        "\n"
+    )
 
 
 @pytest.mark.slow
@@ -334,9 +406,16 @@ def test_files_are_dropped(visit: Visit, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["json", "latex", "c"])
-def test_downloads_are_files(kind: str, visit: Visit, explorer: Explorer, tmp_path: Path) -> None:
+def test_downloads_are_files(
+    kind: str, visit: Visit, explorer: Explorer, tmp_path: Path
+) -> None:
     visit(("click", "#joints [data-name=j3]"))
-    request = {"name": PANDA.name, "text": PANDA.read_text(), "changes": {"locked": ["j3"]}, "file": kind}
+    request = {
+        "name": PANDA.name,
+        "text": PANDA.read_text(),
+        "changes": {"locked": ["j3"]},
+        "file": kind,
+    }
     files = json.loads(answers().answer(json.dumps(request)))["files"]
     act = partial(explorer.browser.click, f"[data-file={kind}]")
     assert explorer.browser.downloads(tmp_path, len(files), act) == files
@@ -346,12 +425,21 @@ def test_downloads_are_files(kind: str, visit: Visit, explorer: Explorer, tmp_pa
 @pytest.mark.slow
 def test_a_hostile_file_is_only_text(visit: Visit) -> None:
     bad = "<img src=x onerror=alert(1)><script>alert(1)</script>"
-    robot = {"echelon": 1, "name": bad, "symbols": {"l": 1}, "modified_dh": [{"joint": "revolute"}] * 2}
+    robot = {
+        "echelon": 1,
+        "name": bad,
+        "symbols": {"l": 1},
+        "modified_dh": [{"joint": "revolute"}] * 2,
+    }
     robot["modified_dh"] = [
         {"joint": "revolute"},
         {"joint": "revolute", "a": "l", "name": bad, "label": "</td>$\\href{x}{y}"},
     ]
-    *_, last = visit(WRITE, ("silently", "type", "#editor", json.dumps(robot)), ("click", "#robot [type=submit]"))
+    *_, last = visit(
+        WRITE,
+        ("silently", "type", "#editor", json.dumps(robot)),
+        ("click", "#robot [type=submit]"),
+    )
     assert last["strange"] == 0
     assert bad in last["headline"] or bad in last["error"]
 
@@ -370,7 +458,9 @@ def test_the_page_can_be_read(screen: Any, visit: Visit, explorer: Explorer) -> 
     explorer.browser.size(width, height)
     explorer.browser.colours(dark=dark)
     try:
-        visit(WRITE, ("click", "#joints [data-name=j3]"), ("click", "[data-parameter=M7]"))
+        visit(
+            WRITE, ("click", "#joints [data-name=j3]"), ("click", "[data-parameter=M7]")
+        )
         assert complaints({"answer": audit(explorer.browser)}) == {}
         visit(address="#robot=none")
         assert complaints({"error": audit(explorer.browser)}) == {}
@@ -397,9 +487,16 @@ def test_everything_is_reached_by_keyboard(visit: Visit, explorer: Explorer) -> 
     assert explorer.browser.picture() != before
     explorer.browser.evaluate("document.querySelector('#joints button').focus()")
     locked = explorer.act("press", " ")
-    first = json.loads(answers().answer(json.dumps({"name": ARM.name, "text": ARM.read_text(), "changes": {}})))
+    first = json.loads(
+        answers().answer(
+            json.dumps({"name": ARM.name, "text": ARM.read_text(), "changes": {}})
+        )
+    )
     assert f"locked={first['joints'][0]}" in locked["hash"]
-    assert explorer.browser.evaluate("document.activeElement.dataset.name") == first["joints"][0]
+    assert (
+        explorer.browser.evaluate("document.activeElement.dataset.name")
+        == first["joints"][0]
+    )
     explorer.check()
 
 
@@ -417,7 +514,15 @@ print(*(module.__file__ for module in list(sys.modules.values()) if module.__nam
 def test_what_answers_is_packed_for_browsers() -> None:
     """Modules that no import names would be missing there."""
     explorer = ROOT / "site" / "explorer"
-    files = [str(EXAMPLES / name) for name in ("loops/four_bar.yaml", "so101.urdf", "coupled_arm.yaml", "panda.yaml")]
+    files = [
+        str(EXAMPLES / name)
+        for name in (
+            "loops/four_bar.yaml",
+            "so101.urdf",
+            "coupled_arm.yaml",
+            "panda.yaml",
+        )
+    ]
     paths = os.pathsep.join(str(path) for path in (ROOT / "src", explorer))
     done = subprocess.run(
         [sys.executable, "-c", _LOADED, *files],
@@ -426,7 +531,9 @@ def test_what_answers_is_packed_for_browsers() -> None:
         text=True,
         check=True,
     )
-    packed = module("browser_python", "browser_python.py").reachable(explorer / "explorer.py", ROOT / "src")
+    packed = module("browser_python", "browser_python.py").reachable(
+        explorer / "explorer.py", ROOT / "src"
+    )
     assert set(map(Path, done.stdout.split())) <= packed
 
 
@@ -449,16 +556,30 @@ def test_echelon_in_pyodide(tmp_path: Path) -> None:
     builder = module("build_explorer", "build_explorer.py")
     wheels = os.environ.get("ECHELON_WHEELS")
     missing = builder.build(
-        tmp_path / "site" / "explorer", [EXAMPLES], ROOT / "build" / "cache", wheels and Path(wheels)
+        tmp_path / "site" / "explorer",
+        [EXAMPLES],
+        ROOT / "build" / "cache",
+        wheels and Path(wheels),
     )
     if missing:
-        (pytest.fail if os.environ.get("CI") else pytest.skip)(f"{', '.join(missing)} for Pyodide cannot be had")
-    steps: list[Step] = [step for clicks in CLICKS.values() for step in (*clicks, ("click", "#reset"))]
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(
+            f"{', '.join(missing)} for Pyodide cannot be had"
+        )
+    steps: list[Step] = [
+        step for clicks in CLICKS.values() for step in (*clicks, ("click", "#reset"))
+    ]
     with serving(tmp_path / "site") as port, DevTools(tmp_path / "profile") as browser:
         found = Explorer(browser, port, limit=400).visit(*steps)
         (tmp_path / "code").mkdir()
-        files = browser.downloads(tmp_path / "code", 2, partial(browser.click, "[data-file=c]"))
-    request = {"name": PANDA.name, "text": PANDA.read_text(), "changes": {}, "file": "c"}
+        files = browser.downloads(
+            tmp_path / "code", 2, partial(browser.click, "[data-file=c]")
+        )
+    request = {
+        "name": PANDA.name,
+        "text": PANDA.read_text(),
+        "changes": {},
+        "file": "c",
+    }
     assert files == json.loads(answers().answer(json.dumps(request)))["files"]
     assert seen(found[0]) == told(PANDA)
     place = 0

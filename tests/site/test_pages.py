@@ -25,15 +25,21 @@ def site() -> Path:
     folder = ROOT / "build" / "site"
     if not (folder / "index.html").exists():
         if importlib.util.find_spec("mkdocs") is None:
-            (pytest.fail if os.environ.get("CI") else pytest.skip)("the site is not built: make site")
-        subprocess.run([sys.executable, ROOT / "site" / "build.py", "--only-pages"], check=True)
+            (pytest.fail if os.environ.get("CI") else pytest.skip)(
+                "the site is not built: make site"
+            )
+        subprocess.run(
+            [sys.executable, ROOT / "site" / "build.py", "--only-pages"], check=True
+        )
     return folder
 
 
 def pages_of(site: Path) -> list[str]:
     parts = ("zoo", "explorer", "assets", "files", "404.html")
     return [
-        f"/{page.relative_to(site).as_posix()}" for page in sorted(site.rglob("*.html")) if not _in(page, site, parts)
+        f"/{page.relative_to(site).as_posix()}"
+        for page in sorted(site.rglob("*.html"))
+        if not _in(page, site, parts)
     ]
 
 
@@ -42,15 +48,25 @@ def _in(page: Path, site: Path, parts: tuple[str, ...]) -> bool:
 
 
 @pytest.mark.parametrize("screen", [LIGHT, DARK, PHONE])
-def test_pages_can_be_read(site: Path, tmp_path: Path, screen: tuple[int, int, bool]) -> None:
+def test_pages_can_be_read(
+    site: Path, tmp_path: Path, screen: tuple[int, int, bool]
+) -> None:
     pages = pages_of(site)
     found, asked = audited(site, tmp_path / "profile", pages, screen)
     assert complaints(found) == {}
     assert len(pages) > 40
-    inside = {link.lstrip("/").partition("#")[0] for page in found.values() for link in page["links"]}
-    optional = tuple(part for part in ("zoo/", "explorer/") if not (site / part).exists())
+    inside = {
+        link.lstrip("/").partition("#")[0]
+        for page in found.values()
+        for link in page["links"]
+    }
+    optional = tuple(
+        part for part in ("zoo/", "explorer/") if not (site / part).exists()
+    )
     assert [
-        link for link in sorted(inside) if not link.startswith(optional or ("?",)) and not (site / link).exists()
+        link
+        for link in sorted(inside)
+        if not link.startswith(optional or ("?",)) and not (site / link).exists()
     ] == []
     assert not [path for path in asked if "//" in path]
 
@@ -60,23 +76,37 @@ def test_nothing_comes_from_elsewhere(site: Path) -> None:
     foreign = re.compile(
         r"""(?:src|srcset|poster)=["']?(?:https?:)?//|<link[^>]+href=["']?(?:https?:)?//|url\(["']?https?:"""
     )
-    found = [page for page in site.rglob("*") if page.suffix in (".html", ".css") and "explorer" not in page.parts]
-    assert [page for page in found if foreign.search(page.read_text(encoding="utf-8"))] == []
+    found = [
+        page
+        for page in site.rglob("*")
+        if page.suffix in (".html", ".css") and "explorer" not in page.parts
+    ]
+    assert [
+        page for page in found if foreign.search(page.read_text(encoding="utf-8"))
+    ] == []
 
 
 def test_the_zoo_leads_to_files_and_to_robots_of_the_explorer(site: Path) -> None:
     if not (site / "zoo").exists():
         pytest.skip("the site was built without the zoo")
-    robots = json.loads((site / "explorer/robots/robots.json").read_text(encoding="utf-8"))
+    robots = json.loads(
+        (site / "explorer/robots/robots.json").read_text(encoding="utf-8")
+    )
     links = 0
     for page in (site / "zoo").rglob("*.html"):
-        for found in re.findall(r'<a [^>]*?href="([^"#]+)(?:#robot=([^"&]+))?', page.read_text(encoding="utf-8")):
+        for found in re.findall(
+            r'<a [^>]*?href="([^"#]+)(?:#robot=([^"&]+))?',
+            page.read_text(encoding="utf-8"),
+        ):
             assert (page.parent / unquote(found[0])).exists(), (page, found)
             assert not found[1] or unquote(found[1]) in robots, (page, found)
             links += bool(found[1])
     assert links
     assert [
-        page for pages in robots.values() for page in pages if not (site / "zoo" / page / "index.html").exists()
+        page
+        for pages in robots.values()
+        for page in pages
+        if not (site / "zoo" / page / "index.html").exists()
     ] == []
 
 
@@ -84,8 +114,14 @@ def test_numbers_are_those_of_this_run(site: Path) -> None:
     """What stands in braces was filled in, and counts that are known are there."""
     home = (site / "index.html").read_text(encoding="utf-8")
     assert "43 combinations of\n70 parameters" in home
-    assert not [page for page in (site / "tutorials").glob("*.html") if "{{" in page.read_text(encoding="utf-8")]
+    assert not [
+        page
+        for page in (site / "tutorials").glob("*.html")
+        if "{{" in page.read_text(encoding="utf-8")
+    ]
     table = (site / "theory.html").read_text(encoding="utf-8")
-    known = re.findall(r"<td>(\w+)</td>\s*<td[^>]*>(\d+)</td>\s*<td[^>]*>(\d+)</td>", table)
+    known = re.findall(
+        r"<td>(\w+)</td>\s*<td[^>]*>(\d+)</td>\s*<td[^>]*>(\d+)</td>", table
+    )
     assert len(known) == 7
     assert [row for row in known if row[1] != row[2]] == []

@@ -29,9 +29,20 @@ from support.pendulum_logs import pendulum, write_log
 
 INNER = ("echelon.loops",)
 """Rooms whose doors are for other rooms, and not for users."""
-STATE = dict(zip(("q", "qd", "qdd"), np.random.default_rng(0).normal(size=(3, 1500, 2)), strict=True))
+STATE = dict(
+    zip(
+        ("q", "qd", "qdd"),
+        np.random.default_rng(0).normal(size=(3, 1500, 2)),
+        strict=True,
+    )
+)
 LOG = {**STATE, "y": np.random.default_rng(1).normal(size=(1500, 2))}
-MOTION = {"duration": 4, "starts": 1, "harmonics": 2, "limits": {"velocity": 3, "position": [-2, 2]}}
+MOTION = {
+    "duration": 4,
+    "starts": 1,
+    "harmonics": 2,
+    "limits": {"velocity": 3, "position": [-2, 2]},
+}
 FILES = {
     "gripper.urdf": """<robot name="gripper"><link name="base"/><link name="finger"/><link name="thumb"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="finger"/><axis xyz="0 0 1"/>
@@ -57,7 +68,8 @@ modified_dh: [{joint: revolute}, {joint: revolute, a: a2}, {joint: revolute, alp
 excitation: {frames: [{body: link3, above: {normal: [0, 1, 0], offset: -9}}]}
 identification: {bodies: {link3: {mass: [0, 5]}}}
 """,
-    "snake.yaml": "echelon: 1\nname: snake\nmodified_dh:\n" + "  - {joint: revolute, alpha: pi/2, d: 0.1}\n" * 13,
+    "snake.yaml": "echelon: 1\nname: snake\nmodified_dh:\n"
+    + "  - {joint: revolute, alpha: pi/2, d: 0.1}\n" * 13,
     "wrong.txt": "ZZ1 + l1^2*M2 + M1\nMX1 + l1*M2\nMY1\nZZ2\nMX2\n",
 }
 
@@ -113,7 +125,15 @@ def identification() -> ec.Identification:
 def hypothesis() -> Judged:
     places = ("j1",), ("{type: rotor_inertia, at: {at}}",)
     rises = (0.9,), (0.99,)
-    return Judged(Kind.EFFECT, "the acceleration qdd", places[1][0], Usual.EVERYWHERE, Gain(0.5, 0.01), *places, *rises)
+    return Judged(
+        Kind.EFFECT,
+        "the acceleration qdd",
+        places[1][0],
+        Usual.EVERYWHERE,
+        Gain(0.5, 0.01),
+        *places,
+        *rises,
+    )
 
 
 def identified() -> Any:
@@ -124,7 +144,19 @@ def identified() -> Any:
 def servo() -> ec.ServoFit:
     score = ServoScore("j1", 0.01, 0.99, 0.9)
     limits = (ServoLimit("j1", "torque", 0.1, 0.01, 0.2),)
-    of = base(), identification().estimate, 0.1, 0.01, (), (score,), (score,), (), ("run.parquet",), True, limits
+    of = (
+        base(),
+        identification().estimate,
+        0.1,
+        0.01,
+        (),
+        (score,),
+        (score,),
+        (),
+        ("run.parquet",),
+        True,
+        limits,
+    )
     return ec.ServoFit(*of)
 
 
@@ -153,10 +185,14 @@ def gains() -> Any:
     from support.payloads import truth
     from support.textbook_arms import modified_dh
 
-    arm = modified_dh("arm", "R 0 0 0", "R -pi/2 0 0", "R 0 a2 0", values={"a2": "0.4", "g": "9.81"})
+    arm = modified_dh(
+        "arm", "R 0 0 0", "R -pi/2 0 0", "R 0 a2 0", values={"a2": "0.4", "g": "9.81"}
+    )
     payload = Payload("link3", {"M": 4.9})
     true = truth(arm, "link3")
-    return ec.drive_gains(true.base, *true.observations(1, 0.01, payload, count=300), payload)
+    return ec.drive_gains(
+        true.base, *true.observations(1, 0.01, payload, count=300), payload
+    )
 
 
 # -- what is done with them --------------------------------------------------------------------------------------------
@@ -165,11 +201,33 @@ def gains() -> Any:
 def computed(model: ec.BaseModel) -> list[Any]:
     """Everything that a base model compiles code for."""
     values, q, qd = np.arange(1.0, model.rank + 1), STATE["q"], STATE["qd"]
-    numbers = [model.regressor(**STATE), model.standard_regressor(**STATE), model.predict(**STATE, values=values)]
-    numbers += [model.mass_matrix(q, values), model.gravity(q, values), model.coriolis(q, qd, values)]
-    numbers += [model.regressor_entries(**STATE), *model.inverse_dynamics_derivatives(**STATE, values=values)]
-    numbers += [*model.accumulate(LOG).factors, *model.normal_equations(LOG).grams, model.B_float(), model.lift(values)]
-    return [*numbers, str(model), str(model.B_exact), model.symbolic_regressor().latex(), model.classification]
+    numbers = [
+        model.regressor(**STATE),
+        model.standard_regressor(**STATE),
+        model.predict(**STATE, values=values),
+    ]
+    numbers += [
+        model.mass_matrix(q, values),
+        model.gravity(q, values),
+        model.coriolis(q, qd, values),
+    ]
+    numbers += [
+        model.regressor_entries(**STATE),
+        *model.inverse_dynamics_derivatives(**STATE, values=values),
+    ]
+    numbers += [
+        *model.accumulate(LOG).factors,
+        *model.normal_equations(LOG).grams,
+        model.B_float(),
+        model.lift(values),
+    ]
+    return [
+        *numbers,
+        str(model),
+        str(model.B_exact),
+        model.symbolic_regressor().latex(),
+        model.classification,
+    ]
 
 
 def along_loop(model: ec.BaseModel) -> list[Any]:
@@ -184,13 +242,25 @@ def read_literally(mechanism: ec.Mechanism) -> list[Any]:
     assert reading is not None
     again = reading.recoupled()
     other = [] if again is None else [str(again)]
-    return [str(reading.literal()), str(mechanism), repr(mechanism), [str(s) for s in reading.snaps], *other]
+    return [
+        str(reading.literal()),
+        str(mechanism),
+        repr(mechanism),
+        [str(s) for s in reading.snaps],
+        *other,
+    ]
 
 
 def linear(found: ec.LinearBase) -> list[Any]:
     names = {i.name for i in found.model.regressor.program.inputs.values()}
-    given = {name: np.linspace(0.1, 1, 5) for name in names - found.model.constants.keys()}
-    return [str(found), found.regressor(given, dict.fromkeys(found.model.constants, 1.5)), repr(found.certificate)]
+    given = {
+        name: np.linspace(0.1, 1, 5) for name in names - found.model.constants.keys()
+    }
+    return [
+        str(found),
+        found.regressor(given, dict.fromkeys(found.model.constants, 1.5)),
+        repr(found.certificate),
+    ]
 
 
 def run(setup: ec.Setup) -> list[Any]:
@@ -202,20 +272,31 @@ def shown(found: ec.Identification) -> list[Any]:
 
 
 def moved(found: ec.ExcitingTrajectory) -> list[Any]:
-    return [ec.preview_html(found), found.trajectory(np.linspace(0, 4, 9)), str(found.base)]
+    return [
+        ec.preview_html(found),
+        found.trajectory(np.linspace(0, 4, 9)),
+        str(found.base),
+    ]
 
 
 def load(name: str, **options: Any) -> Callable[[], ec.Mechanism]:
-    return lambda: ec.load(EXAMPLES / name if (EXAMPLES / name).exists() else file(name), **options)
+    return lambda: ec.load(
+        EXAMPLES / name if (EXAMPLES / name).exists() else file(name), **options
+    )
 
 
 def error(kind: type[Exception], *values: Any, **named: Any) -> Example:
-    return Example(lambda: kind(*values, **named), lambda found: (str(found), found.args, vars(found)))
+    return Example(
+        lambda: kind(*values, **named),
+        lambda found: (str(found), found.args, vars(found)),
+    )
 
 
 OBJECTS: Mapping[str, Example] = {
     "description": Example(load("double_pendulum.yaml"), read_literally),
-    "description in numbers": Example(load("double_pendulum.yaml", symbolic=False), read_literally),
+    "description in numbers": Example(
+        load("double_pendulum.yaml", symbolic=False), read_literally
+    ),
     "actuators, a spline": Example(load("leg.yaml"), read_literally),
     "URDF": Example(load("gripper.urdf"), read_literally),
     "URDF in numbers": Example(load("gripper.urdf", symbolic=False), read_literally),
@@ -224,43 +305,78 @@ OBJECTS: Mapping[str, Example] = {
     "loop": Example(load("loops/four_bar.yaml"), read_literally),
     "base": Example(base, computed),
     "servo fit": Example(servo),
-    "base of a loop": Example(lambda: ec.base_parameters(load("loops/four_bar.yaml")()), along_loop),
-    "base in numbers": Example(lambda: ec.base_parameters(load("double_pendulum.yaml")(), budget=0), str),
-    "base of a URDF": Example(lambda: ec.base_parameters(load("gripper.urdf")()), str),
-    "base at special values": Example(lambda: ec.base_parameters(load("special.yaml")()), str),
-    "structure": Example(structure),
-    "structure of a loop": Example(lambda: ec.base_structure(load("loops/parallelogram.yaml")())),
-    "linear model": Example(lambda: ec.load_linear(EXAMPLES / "linear" / "arrhenius.yaml")),
-    "linear base": Example(
-        lambda: ec.base_parameters(ec.load_linear(EXAMPLES / "linear" / "single_track.yaml")), linear
+    "base of a loop": Example(
+        lambda: ec.base_parameters(load("loops/four_bar.yaml")()), along_loop
     ),
-    "formulas": Example(lambda: base().symbolic_regressor(), lambda found: found.latex()),
-    "size of a leaf": Example(lambda: virtual_power_form(base().mechanism).sampler().leaf_size),
+    "base in numbers": Example(
+        lambda: ec.base_parameters(load("double_pendulum.yaml")(), budget=0), str
+    ),
+    "base of a URDF": Example(lambda: ec.base_parameters(load("gripper.urdf")()), str),
+    "base at special values": Example(
+        lambda: ec.base_parameters(load("special.yaml")()), str
+    ),
+    "structure": Example(structure),
+    "structure of a loop": Example(
+        lambda: ec.base_structure(load("loops/parallelogram.yaml")())
+    ),
+    "linear model": Example(
+        lambda: ec.load_linear(EXAMPLES / "linear" / "arrhenius.yaml")
+    ),
+    "linear base": Example(
+        lambda: ec.base_parameters(
+            ec.load_linear(EXAMPLES / "linear" / "single_track.yaml")
+        ),
+        linear,
+    ),
+    "formulas": Example(
+        lambda: base().symbolic_regressor(), lambda found: found.latex()
+    ),
+    "size of a leaf": Example(
+        lambda: virtual_power_form(base().mechanism).sampler().leaf_size
+    ),
     "rows of many bodies": Example(lambda: virtual_power_form(load("snake.yaml")())),
-    "ranks": Example(lambda: ec.compare_numeric(base().mechanism), lambda found: (repr(found), found.verdict)),
+    "ranks": Example(
+        lambda: ec.compare_numeric(base().mechanism),
+        lambda found: (repr(found), found.verdict),
+    ),
     "special": Example(lambda: ec.special_geometry(base().mechanism)),
     "energy": Example(lambda: ec.energy_regressor(base().mechanism)),
     "match": Example(lambda: ec.match(base(), base())),
-    "row spaces": Example(lambda: ec.same_row_space(base(), ec.energy_regressor(base().mechanism))),
+    "row spaces": Example(
+        lambda: ec.same_row_space(base(), ec.energy_regressor(base().mechanism))
+    ),
     "sensors": Example(lambda: ec.sensor_report(base().mechanism)),
     "audit": Example(lambda: ec.audit(base(), file("wrong.txt")), str),
-    "source": Example(lambda: ec.generate(base()), lambda found: (dict(found), repr(found.functions))),
+    "source": Example(
+        lambda: ec.generate(base()), lambda found: (dict(found), repr(found.functions))
+    ),
     "verdict": Example(lambda: ec.audit(base(), file("wrong.txt")).verdict),
     "observation": Example(lambda: base().accumulate(LOG), lambda found: found.factors),
-    "triangle": Example(lambda: base().accumulate(LOG).combined(), lambda found: found.solve()),
+    "triangle": Example(
+        lambda: base().accumulate(LOG).combined(), lambda found: found.solve()
+    ),
     "what little data show": Example(little),
-    "normal equations": Example(lambda: base().normal_equations(LOG), lambda found: found.grams),
+    "normal equations": Example(
+        lambda: base().normal_equations(LOG), lambda found: found.grams
+    ),
     "setup": Example(lambda: ec.load_setup(EXAMPLES / "logs" / "emps.yaml"), run),
     "setup of a URDF": Example(lambda: ec.load_setup(file("gripper.urdf")), run),
-    "setup of an excitation": Example(lambda: ec.load_setup(EXAMPLES / "excite" / "ur10.yaml"), repr),
+    "setup of an excitation": Example(
+        lambda: ec.load_setup(EXAMPLES / "excite" / "ur10.yaml"), repr
+    ),
     "payload": Example(lambda: ec.Payload("j2", {"M": 0.5})),
     "gains": Example(gains),
     "identification": Example(identification, shown),
     "hypothesis": Example(hypothesis),
     "what a fit covers": Example(lambda: identification().ranges, repr),
     "identified model": Example(identified, lambda found: (repr(found), found.values)),
-    "rows": Example(lambda: identified().plan.rows([file("run.parquet")]), lambda found: found.observation().factors),
-    "block of rows": Example(lambda: next(identified().plan.rows([file("run.parquet")]).blocks()), repr),
+    "rows": Example(
+        lambda: identified().plan.rows([file("run.parquet")]),
+        lambda found: found.observation().factors,
+    ),
+    "block of rows": Example(
+        lambda: next(identified().plan.rows([file("run.parquet")]).blocks()), repr
+    ),
     "samples": Example(lambda: next(identified().plan.samples(file("run.parquet")))),
     "prediction": Example(prediction, lambda found: found.predicted),
     "excitation": Example(lambda: ec.exciting_trajectory(setup(), **MOTION), moved),
@@ -309,14 +425,24 @@ def _says(kind: type) -> Iterator[type]:
             for annotation in inspect.get_annotations(owner).values():
                 yield from _named(annotation, owner.__module__)
             for name, member in vars(owner).items():
-                given = member.fget if isinstance(member, property) else getattr(member, "func", member)
+                given = (
+                    member.fget
+                    if isinstance(member, property)
+                    else getattr(member, "func", member)
+                )
                 if inspect.isfunction(given) and not name.startswith("_"):
-                    yield from _named(given.__annotations__.get("return"), given.__module__)
+                    yield from _named(
+                        given.__annotations__.get("return"), given.__module__
+                    )
 
 
 def public_classes() -> set[type]:
     """Classes that users meet: of the public names, of what they return, and of what that holds."""
-    rooms = (m.name for m in pkgutil.iter_modules(ec.__path__, "echelon.") if m.ispkg and m.name not in INNER)
+    rooms = (
+        m.name
+        for m in pkgutil.iter_modules(ec.__path__, "echelon.")
+        if m.ispkg and m.name not in INNER
+    )
     faces = ["echelon", *rooms]
     waiting: list[type] = []
     for face in faces:
@@ -326,7 +452,9 @@ def public_classes() -> set[type]:
             if inspect.isclass(member):
                 waiting.append(member)
             elif inspect.isfunction(member):
-                waiting += _named(member.__annotations__.get("return"), member.__module__)
+                waiting += _named(
+                    member.__annotations__.get("return"), member.__module__
+                )
     found: set[type] = set()
     while waiting:
         kind = waiting.pop()
@@ -356,5 +484,8 @@ def held(*roots: object) -> dict[type, list[Any]]:
             for kind in type(item).__mro__:
                 found.setdefault(kind, []).append(item)
             waiting += getattr(item, "__dict__", {}).values()
-            waiting += [getattr(item, name, None) for name in getattr(type(item), "__slots__", ())]
+            waiting += [
+                getattr(item, name, None)
+                for name in getattr(type(item), "__slots__", ())
+            ]
     return found

@@ -55,7 +55,9 @@ def rotation(axis: Vec, angle: arb) -> Mat:
     x, y, z = axis
     zero = arb(0)
     skew = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]], dtype=object)
-    one = np.array([[arb(int(i == j)) for j in range(3)] for i in range(3)], dtype=object)
+    one = np.array(
+        [[arb(int(i == j)) for j in range(3)] for i in range(3)], dtype=object
+    )
     found: Mat = one + angle.sin() * skew + (1 - angle.cos()) * (skew @ skew)
     return found
 
@@ -69,7 +71,9 @@ class Place:
 
     @property
     def matrix(self) -> Mat:
-        found = rotation(vector(0, 0, 1), self.rpy[2]) @ rotation(vector(0, 1, 0), self.rpy[1])
+        found = rotation(vector(0, 0, 1), self.rpy[2]) @ rotation(
+            vector(0, 1, 0), self.rpy[1]
+        )
         found @= rotation(vector(1, 0, 0), self.rpy[0])
         return found
 
@@ -108,11 +112,18 @@ class _Moving:
     def shifted(self, r: Vec) -> None:
         self.place = self.place + r
         self.velocity = self.velocity + cross(self.spin, r)
-        self.acceleration = self.acceleration + cross(self.spin_rate, r) + cross(self.spin, cross(self.spin, r))
+        self.acceleration = (
+            self.acceleration
+            + cross(self.spin_rate, r)
+            + cross(self.spin, cross(self.spin, r))
+        )
 
     def moved(self, move: Move, index: int, q: arb, v: arb, a: arb) -> None:
         axis = self.axes @ unit(move.axis)
-        turning, sliding = axis * int(move.turns), axis * (move.pitch if move.pitch is not None else 0)
+        turning, sliding = (
+            axis * int(move.turns),
+            axis * (move.pitch if move.pitch is not None else 0),
+        )
         self.freedoms.append((index, turning, sliding, self.place))
         if move.turns:
             self.spin_rate = self.spin_rate + axis * a + cross(self.spin, axis) * v
@@ -121,21 +132,41 @@ class _Moving:
         if move.pitch is not None:
             self.shifted(sliding * q)
             self.velocity = self.velocity + sliding * v
-            self.acceleration = self.acceleration + sliding * a + 2 * cross(self.spin, sliding) * v
+            self.acceleration = (
+                self.acceleration + sliding * a + 2 * cross(self.spin, sliding) * v
+            )
 
     def copy(self) -> _Moving:
-        parts = self.axes, self.place, self.spin, self.velocity, self.spin_rate, self.acceleration
+        parts = (
+            self.axes,
+            self.place,
+            self.spin,
+            self.velocity,
+            self.spin_rate,
+            self.acceleration,
+        )
         return _Moving(*parts, list(self.freedoms))
 
 
-def regressor(bodies: Sequence[Body], gravity: Vec, rng: np.random.Generator) -> npt.NDArray[Any]:
+def regressor(
+    bodies: Sequence[Body], gravity: Vec, rng: np.random.Generator
+) -> npt.NDArray[Any]:
     """Generalised forces per unit parameter at a random state, shape (coordinates, 10 · bodies)."""
     coordinates = sum(isinstance(step, Move) for body in bodies for step in body.steps)
-    q, v, a = ([arb(fmpq(int(x), 1000)) for x in rng.integers(-2000, 2000, coordinates)] for _ in range(3))
-    one = np.array([[arb(int(i == j)) for j in range(3)] for i in range(3)], dtype=object)
+    q, v, a = (
+        [arb(fmpq(int(x), 1000)) for x in rng.integers(-2000, 2000, coordinates)]
+        for _ in range(3)
+    )
+    one = np.array(
+        [[arb(int(i == j)) for j in range(3)] for i in range(3)], dtype=object
+    )
     still = vector(0, 0, 0)
-    frames: dict[int, _Moving] = {-1: _Moving(one, still, still, still, still, -gravity)}
-    table = np.array([[arb(0)] * (10 * len(bodies)) for _ in range(coordinates)], dtype=object)
+    frames: dict[int, _Moving] = {
+        -1: _Moving(one, still, still, still, still, -gravity)
+    }
+    table = np.array(
+        [[arb(0)] * (10 * len(bodies)) for _ in range(coordinates)], dtype=object
+    )
     index = 0
     for number_, body in enumerate(bodies):
         frame = frames[body.parent].copy()
@@ -161,9 +192,14 @@ def _wrenches(frame: _Moving) -> list[tuple[Vec, Vec]]:
     axes = [frame.axes[:, k] for k in range(3)]
     for i in range(3):
         for j in range(i, 3):
-            on_alpha, on_w = (axes[i] * (axes[j] @ x) + (axes[j] * (axes[i] @ x) if i != j else 0) for x in (alpha, w))
+            on_alpha, on_w = (
+                axes[i] * (axes[j] @ x) + (axes[j] * (axes[i] @ x) if i != j else 0)
+                for x in (alpha, w)
+            )
             found.append((vector(0, 0, 0), on_alpha + cross(w, on_w)))
-    first = [(cross(alpha, c) + cross(w, cross(w, c)), cross(c, acceleration)) for c in axes]
+    first = [
+        (cross(alpha, c) + cross(w, cross(w, c)), cross(c, acceleration)) for c in axes
+    ]
     return [*found, *first, (acceleration, vector(0, 0, 0))]
 
 
@@ -176,9 +212,13 @@ def rank(bodies: Sequence[Body], gravity: Vec, seed: int = 1) -> int:
     # every coordinate gives one row per state, and a body may need ten of the same coordinate
     states = max(12, 10 * len(bodies) // coordinates + 3)
     with flint.ctx.workprec(BITS):
-        pivots = elimination(np.concatenate([regressor(bodies, gravity, rng) for _ in range(states)]))
+        pivots = elimination(
+            np.concatenate([regressor(bodies, gravity, rng) for _ in range(states)])
+        )
     sizes = [1.0, *pivots]
-    kept = next((k for k, (x, y) in enumerate(pairwise(sizes)) if y < GAP * x), len(pivots))
+    kept = next(
+        (k for k, (x, y) in enumerate(pairwise(sizes)) if y < GAP * x), len(pivots)
+    )
     assert all(size < GAP**2 for size in pivots[kept:]), f"no clear gap: {pivots}"
     return kept
 
@@ -196,6 +236,10 @@ def elimination(table: npt.NDArray[Any]) -> list[float]:
             break
         top, left = table[row], table[:, column] / table[row, column]
         keep_rows = [k for k in range(len(table)) if k != row]
-        keep_columns = [k for k in range(table.shape[1]) if k != column and sizes[:, k].any()]
-        table = table[np.ix_(keep_rows, keep_columns)] - np.outer(left[keep_rows], top[keep_columns])
+        keep_columns = [
+            k for k in range(table.shape[1]) if k != column and sizes[:, k].any()
+        ]
+        table = table[np.ix_(keep_rows, keep_columns)] - np.outer(
+            left[keep_rows], top[keep_columns]
+        )
     return pivots

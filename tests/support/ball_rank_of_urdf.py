@@ -25,23 +25,42 @@ def bodies_of(file: Path, floating: bool, tolerance: float) -> list[Body]:
     root = ElementTree.parse(file).getroot()
     joints = root.findall("joint")
     children = {_name(joint, "child") for joint in joints}
-    (base,) = [link.get("name", "") for link in root.findall("link") if link.get("name") not in children]
-    largest = max((abs(float(x)) for j in joints for x in _origin(j, "xyz").split()), default=0.0)
+    (base,) = [
+        link.get("name", "")
+        for link in root.findall("link")
+        if link.get("name") not in children
+    ]
+    largest = max(
+        (abs(float(x)) for j in joints for x in _origin(j, "xyz").split()), default=0.0
+    )
     bodies: list[Body] = []
     with flint.ctx.workprec(BITS):
         first: list[Place | Move] = []
         if floating:
             bodies.append(Body(-1, moves("floating", vector(0, 0, 1), arb(0))))
-        waiting: list[tuple[str, int, list[Place | Move]]] = [(base, len(bodies) - 1, first)]
+        waiting: list[tuple[str, int, list[Place | Move]]] = [
+            (base, len(bodies) - 1, first)
+        ]
         while waiting:
             link, body, steps = waiting.pop()
             for joint in (j for j in joints if _name(j, "parent") == link):
-                place = Place(_offset(joint, tolerance * largest / 100), _angles(joint, tolerance))
+                place = Place(
+                    _offset(joint, tolerance * largest / 100), _angles(joint, tolerance)
+                )
                 kind, child = joint.get("type", ""), _name(joint, "child")
                 if kind == "fixed":
                     waiting.append((child, body, [*steps, place]))
                 else:
-                    bodies.append(Body(body, [*steps, place, *moves(kind, _axis(joint, tolerance), arb(0))]))
+                    bodies.append(
+                        Body(
+                            body,
+                            [
+                                *steps,
+                                place,
+                                *moves(kind, _axis(joint, tolerance), arb(0)),
+                            ],
+                        )
+                    )
                     waiting.append((child, len(bodies) - 1, []))
     return bodies
 
@@ -56,12 +75,19 @@ def _origin(joint: Any, key: str) -> str:
 
 
 def _offset(joint: Any, smallest: float) -> Vec:
-    return vector(*(number(x) if abs(float(x)) > smallest else 0 for x in _origin(joint, "xyz").split()))
+    return vector(
+        *(
+            number(x) if abs(float(x)) > smallest else 0
+            for x in _origin(joint, "xyz").split()
+        )
+    )
 
 
 def _angles(joint: Any, tolerance: float) -> Vec:
     def angle(text: str) -> arb:
-        exact = arb.pi() * STEP / 180 * round(float(number(text) / arb.pi()) * 180 / STEP)
+        exact = (
+            arb.pi() * STEP / 180 * round(float(number(text) / arb.pi()) * 180 / STEP)
+        )
         return exact if abs(float(number(text) - exact)) < tolerance else number(text)
 
     return vector(*map(angle, _origin(joint, "rpy").split()))
@@ -69,8 +95,15 @@ def _angles(joint: Any, tolerance: float) -> Vec:
 
 def _axis(joint: Any, tolerance: float) -> Vec:
     element = joint.find("axis")
-    axis = [number(x) for x in ("1 0 0" if element is None else str(element.get("xyz", "1 0 0"))).split()]
+    axis = [
+        number(x)
+        for x in (
+            "1 0 0" if element is None else str(element.get("xyz", "1 0 0"))
+        ).split()
+    ]
     size = float(sum((x * x for x in axis), arb(0)).sqrt())
     nearest = [round(float(x) / size) for x in axis]
-    close = all(abs(float(x) / size - y) < tolerance for x, y in zip(axis, nearest, strict=True))
+    close = all(
+        abs(float(x) / size - y) < tolerance for x, y in zip(axis, nearest, strict=True)
+    )
     return vector(*(nearest if close else axis))

@@ -32,23 +32,40 @@ class Browser:
     def browse(self, folder: Path, html: str, *flags: str) -> tuple[str, list[str]]:
         """The document after its scripts have run, and what the console says."""
         file = folder / "page.html"
-        file.write_text(html.replace("<head>", f"<head><script>{GUARD}{self.script}</script>", 1), encoding="utf-8")
-        command = [tool(*CHROMIUM), *FLAGS, f"--user-data-dir={folder / 'profile'}", *flags, file.as_uri()]
+        file.write_text(
+            html.replace("<head>", f"<head><script>{GUARD}{self.script}</script>", 1),
+            encoding="utf-8",
+        )
+        command = [
+            tool(*CHROMIUM),
+            *FLAGS,
+            f"--user-data-dir={folder / 'profile'}",
+            *flags,
+            file.as_uri(),
+        ]
         done = subprocess.run(command, capture_output=True, timeout=120, check=True)
-        said = [line for line in done.stderr.decode(errors="replace").splitlines() if "CONSOLE" in line]
+        said = [
+            line
+            for line in done.stderr.decode(errors="replace").splitlines()
+            if "CONSOLE" in line
+        ]
         return done.stdout.decode(), said
 
     def drawn(self, folder: Path, html: str, window: str) -> int:
         """How many plots a page has that says nothing; a busy browser may dump it before it has drawn."""
         count = 0
         for _ in range(3):
-            dom, said = self.browse(folder, html, f"--window-size={window}", "--dump-dom")
+            dom, said = self.browse(
+                folder, html, f"--window-size={window}", "--dump-dom"
+            )
             assert said == []
             if count := plots(dom):
                 break
         return count
 
-    def drive(self, folder: Path, html: str, driver: str, window: str) -> dict[str, Any]:
+    def drive(
+        self, folder: Path, html: str, driver: str, window: str
+    ) -> dict[str, Any]:
         """What a driver at the page's end found out and left there as JSON, in ``<output id="result">``.
 
         A busy browser may dump the page before it is driven.
@@ -56,12 +73,18 @@ class Browser:
         html = html.replace("</body>", driver + "</body>")
         found = None
         for _ in range(3):
-            dom, said = self.browse(folder, html, f"--window-size={window}", "--dump-dom")
+            dom, said = self.browse(
+                folder, html, f"--window-size={window}", "--dump-dom"
+            )
             assert said == []
-            if found := re.search(r'<output id="result">(.*?)</output>', dom, re.DOTALL):
+            if found := re.search(
+                r'<output id="result">(.*?)</output>', dom, re.DOTALL
+            ):
                 break
         assert found
-        return json.loads(found[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+        return json.loads(
+            found[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
+        )
 
     def picture(self, folder: Path, html: str, window: str) -> npt.NDArray[np.float64]:
         """The page in grey, shape (height, width)."""
@@ -74,7 +97,9 @@ class Browser:
     def printed(self, folder: Path, html: str) -> bytes:
         """The page as a PDF."""
         paper = folder / "page.pdf"
-        _, said = self.browse(folder, html, f"--print-to-pdf={paper}", "--window-size=1280,800")
+        _, said = self.browse(
+            folder, html, f"--print-to-pdf={paper}", "--window-size=1280,800"
+        )
         assert said == []
         return paper.read_bytes()
 
@@ -83,14 +108,28 @@ def plots(dom: str) -> int:
     """How many plots are there, after checking that nothing from a file became an element."""
     page = Page(dom)
     assert not [tag for tag, _ in page.elements if tag in ("img", "iframe")]
-    assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
+    assert not [
+        name
+        for _, attributes in page.elements
+        for name in attributes
+        if name.startswith("on")
+    ]
     assert len(page.scripts) == 4  # with the guard
     for _, attributes in page.elements:
-        assert not re.match("https?:", attributes.get("href") or attributes.get("src") or "")
-    return sum("js-plotly-plot" in (attributes.get("class") or "") for _, attributes in page.elements)
+        assert not re.match(
+            "https?:", attributes.get("href") or attributes.get("src") or ""
+        )
+    return sum(
+        "js-plotly-plot" in (attributes.get("class") or "")
+        for _, attributes in page.elements
+    )
 
 
 def check_buttons(titles: list[str | None]) -> None:
     """There are buttons, and none of them talks to a server."""
     assert titles
-    assert not [title for title in titles if re.search("share|cloud|edit", title or "", re.IGNORECASE)]
+    assert not [
+        title
+        for title in titles
+        if re.search("share|cloud|edit", title or "", re.IGNORECASE)
+    ]

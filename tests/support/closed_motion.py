@@ -8,12 +8,18 @@ from echelon.loops.assembly import Assembly
 from support.float_regressor import FloatArray
 
 
-def velocities(assembly: Assembly, q: FloatArray, independent: FloatArray) -> FloatArray:
+def velocities(
+    assembly: Assembly, q: FloatArray, independent: FloatArray
+) -> FloatArray:
     """Velocities of all coordinates, (N, velocities), from those of the independent ones."""
-    return _solved(assembly, q, independent, np.zeros((len(q), len(assembly.closures.owners))))
+    return _solved(
+        assembly, q, independent, np.zeros((len(q), len(assembly.closures.owners)))
+    )
 
 
-def accelerations(assembly: Assembly, q: FloatArray, qd: FloatArray, independent: FloatArray) -> FloatArray:
+def accelerations(
+    assembly: Assembly, q: FloatArray, qd: FloatArray, independent: FloatArray
+) -> FloatArray:
     """Accelerations of all coordinates, from all velocities and the independent accelerations."""
     return _solved(assembly, q, independent, assembly.closures.bias(q, qd))
 
@@ -25,11 +31,17 @@ def completed(
     mechanism = assembly.mechanism
     q = q if q.shape[1] == len(mechanism.positions) else assembly.from_independent(q)
     qd = qd if qd.shape[1] == len(mechanism.velocities) else velocities(assembly, q, qd)
-    qdd = qdd if qdd.shape[1] == len(mechanism.velocities) else accelerations(assembly, q, qd, qdd)
+    qdd = (
+        qdd
+        if qdd.shape[1] == len(mechanism.velocities)
+        else accelerations(assembly, q, qd, qdd)
+    )
     return q, qd, qdd
 
 
-def _solved(assembly: Assembly, q: FloatArray, independent: FloatArray, bias: FloatArray) -> FloatArray:
+def _solved(
+    assembly: Assembly, q: FloatArray, independent: FloatArray, bias: FloatArray
+) -> FloatArray:
     """All x with J x + bias = 0."""
     names = assembly.mechanism.velocities
     free = [names.index(name) for name in assembly.mechanism.independent_velocities]

@@ -19,7 +19,9 @@ Array = npt.NDArray[np.float64]
 def read(text: str) -> Mechanism:
     if text.lstrip().startswith("<"):
         return RobotFile.of(text.encode(), "robot.xml").mechanism(ReadingOptions())
-    return RobotFile.of(f"echelon: 1\n{text}".encode(), "robot.yaml").mechanism(ReadingOptions())
+    return RobotFile.of(f"echelon: 1\n{text}".encode(), "robot.yaml").mechanism(
+        ReadingOptions()
+    )
 
 
 def states(mechanism: Mechanism, count: int = 120) -> tuple[Array, Array, Array]:
@@ -28,7 +30,9 @@ def states(mechanism: Mechanism, count: int = 120) -> tuple[Array, Array, Array]
 
 def table(mechanism: Mechanism, count: int) -> Array:
     """Rows at random closed states; columns of about equal size, unless there is only noise in them."""
-    rows = evaluate_floats(virtual_power_form(mechanism), mechanism, *states(mechanism, count))
+    rows = evaluate_floats(
+        virtual_power_form(mechanism), mechanism, *states(mechanism, count)
+    )
     rows = np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r")
     sizes = np.linalg.norm(rows, axis=0)
     scaled: Array = rows / np.maximum(sizes, 1e-6 * sizes.max())

@@ -25,7 +25,9 @@ N[5, 4] = 32.0
 MOTORS = ["m1", "m2", "m3", "m4", "m5", "m6"]
 
 
-def guess_columns(names: Sequence[str], mechanism: ec.Mechanism, source: str = "log", **more: Any) -> ColumnMap:
+def guess_columns(
+    names: Sequence[str], mechanism: ec.Mechanism, source: str = "log", **more: Any
+) -> ColumnMap:
     """The columns of a log, or an error that says all that is not clear."""
     found = guess(names, mechanism, **more)
     if found.problems:
@@ -33,10 +35,17 @@ def guess_columns(names: Sequence[str], mechanism: ec.Mechanism, source: str = "
     return found.columns
 
 
-def channels(pattern: str, names: tuple[str, ...] | list[str], **settings: str | float) -> dict[str, Channel]:
-    return {name: Channel(pattern.format(n=n, name=name), **settings) for n, name in enumerate(names, 1)}  # type: ignore[arg-type]
+def channels(
+    pattern: str, names: tuple[str, ...] | list[str], **settings: str | float
+) -> dict[str, Channel]:
+    return {
+        name: Channel(pattern.format(n=n, name=name), **settings)
+        for n, name in enumerate(names, 1)
+    }  # type: ignore[arg-type]
 
 
-def random_columns(names: list[str], count: int = 40, seed: int = 3) -> dict[str, Floats]:
+def random_columns(
+    names: list[str], count: int = 40, seed: int = 3
+) -> dict[str, Floats]:
     random = np.random.default_rng(seed)
     return {name: random.normal(size=count) for name in names}

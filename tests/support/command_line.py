@@ -15,10 +15,17 @@ from echelon.cli import main
 from support.paths import ROOT
 
 
-def run(*arguments: str, cwd: Path | None = None, **variables: str) -> subprocess.CompletedProcess[str]:
+def run(
+    *arguments: str, cwd: Path | None = None, **variables: str
+) -> subprocess.CompletedProcess[str]:
     """A command in this process."""
     out, err, code = io.StringIO(), io.StringIO(), 0
-    with chdir(cwd or Path.cwd()), redirect_stdout(out), redirect_stderr(err), pytest.MonkeyPatch.context() as patch:
+    with (
+        chdir(cwd or Path.cwd()),
+        redirect_stdout(out),
+        redirect_stderr(err),
+        pytest.MonkeyPatch.context() as patch,
+    ):
         patch.setattr(sys, "argv", ["echelon", *arguments])
         patch.setattr(os, "environ", {**os.environ, **variables})
         patch.delenv("ECHELON_TRACEBACK", raising=False)
@@ -30,7 +37,10 @@ def run(*arguments: str, cwd: Path | None = None, **variables: str) -> subproces
 
 
 def run_alone(
-    *arguments: str, cwd: Path | None = None, code: str = "from echelon.cli import main; main()", **variables: str
+    *arguments: str,
+    cwd: Path | None = None,
+    code: str = "from echelon.cli import main; main()",
+    **variables: str,
 ) -> subprocess.CompletedProcess[str]:
     """A command in a process of its own."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), **variables}

@@ -14,12 +14,28 @@ import sympy
 import yaml
 from flint import arb, arb_mat
 
-from support.loop_linkage import ONE, Body, Linkage, Loop, function, number, sliding, turning
+from support.loop_linkage import (
+    ONE,
+    Body,
+    Linkage,
+    Loop,
+    function,
+    number,
+    sliding,
+    turning,
+)
 from support.loop_readers import AXES, FREE, euler, placed, turned
 
-ALIASES = {"spherical": "point", "points": "point", "cylindrical": "axis", "axes": "axis"}
+ALIASES = {
+    "spherical": "point",
+    "points": "point",
+    "cylindrical": "axis",
+    "axes": "axis",
+}
 NAMED = {
-    f"{sign}{letter}": [f"{sign}1" if k == letter else "0" for k in "xyz"] for letter in "xyz" for sign in ("", "-")
+    f"{sign}{letter}": [f"{sign}1" if k == letter else "0" for k in "xyz"]
+    for letter in "xyz"
+    for sign in ("", "-")
 }
 ZERO = ("0", "0", "0")
 
@@ -33,18 +49,29 @@ def described(text: str) -> Linkage:
 class _Reader:
     robot: dict
     bodies: list[Body] = field(default_factory=list)
-    tails: list[arb_mat] = field(default_factory=list)  # the frame of a body in the one that its motions move
-    coordinates: list[str] = field(default_factory=list)  # of the motions; those of a ball are its name three times
+    tails: list[arb_mat] = field(
+        default_factory=list
+    )  # the frame of a body in the one that its motions move
+    coordinates: list[str] = field(
+        default_factory=list
+    )  # of the motions; those of a ball are its name three times
     index: dict[str, int] = field(default_factory=lambda: {"base": -1, "0": -1})
 
     @cached_property
     def symbols(self) -> dict[str, sympy.Expr]:
         stated = self.robot.get("symbols", {}).items()
-        values = {n: v.get("value", v.get("approximate")) if isinstance(v, dict) else v for n, v in stated}
-        return {name: sympy.sympify(value, rational=True) for name, value in values.items()}
+        values = {
+            n: v.get("value", v.get("approximate")) if isinstance(v, dict) else v
+            for n, v in stated
+        }
+        return {
+            name: sympy.sympify(value, rational=True) for name, value in values.items()
+        }
 
     def expression(self, text: str) -> sympy.Expr:
-        return sympy.sympify(text.replace("^", "**"), locals=self.symbols, rational=True)
+        return sympy.sympify(
+            text.replace("^", "**"), locals=self.symbols, rational=True
+        )
 
     def value(self, text: str) -> arb:
         return number(str(self.expression(text).evalf(85)))
@@ -71,10 +98,19 @@ class _Reader:
         unlooped = Linkage(tuple(self.bodies), (), start)
         gravity = tuple(self.values(self.robot.get("gravity", ("0", "0", "-9.81"))))
         at_zero = unlooped.state([arb(0)] * len(start), [arb(0)] * len(start)).poses
-        loops = tuple(self._loop(entry, at_zero) for entry in self.robot.get("loops", ()))
+        loops = tuple(
+            self._loop(entry, at_zero) for entry in self.robot.get("loops", ())
+        )
         return Linkage(tuple(self.bodies), loops, start, tuple(self._ties()), gravity)
 
-    def _add(self, entry: dict, parent: int, pose: arb_mat, motions: dict[str, arb_mat], tail: arb_mat = ONE) -> None:
+    def _add(
+        self,
+        entry: dict,
+        parent: int,
+        pose: arb_mat,
+        motions: dict[str, arb_mat],
+        tail: arb_mat = ONE,
+    ) -> None:
         name = entry.get("name", f"j{len(self.bodies) + 1}")
         self.index[name] = len(self.bodies)
         mount = ONE if parent < 0 else self.tails[parent]
@@ -83,7 +119,9 @@ class _Reader:
         self.coordinates += [end.partition("#")[0] for end in motions]
 
     def _row(self, row: dict) -> None:
-        alpha, a, theta, d, gamma, b = (row.get(key, "0") for key in ("alpha", "a", "theta", "d", "gamma", "b"))
+        alpha, a, theta, d, gamma, b = (
+            row.get(key, "0") for key in ("alpha", "a", "theta", "d", "gamma", "b")
+        )
         steps = (
             {"rpy": ("0", "0", gamma)},
             {"xyz": ("0", "0", b), "rpy": (alpha, "0", "0")},
@@ -91,9 +129,18 @@ class _Reader:
             {"xyz": ("0", "0", d)},
         )
         pose = reduce(mul, map(self.frame, steps))
-        motion = {"revolute": turning(AXES[2]), "prismatic": sliding(AXES[2])}.get(row["joint"])
+        motion = {"revolute": turning(AXES[2]), "prismatic": sliding(AXES[2])}.get(
+            row["joint"]
+        )
         parent = self.index[row["parent"]] if "parent" in row else len(self.bodies) - 1
-        self._add(row, parent, pose, {} if motion is None else {row.get("name", f"j{len(self.bodies) + 1}"): motion})
+        self._add(
+            row,
+            parent,
+            pose,
+            {}
+            if motion is None
+            else {row.get("name", f"j{len(self.bodies) + 1}"): motion},
+        )
 
     def _body(self, body: dict) -> None:
         joint = body["joint"]
@@ -119,25 +166,51 @@ class _Reader:
             case "cylindrical":
                 return {f"{name}.slide": sliding(axis), f"{name}.turn": turning(axis)}
             case "helical":
-                return {name: turning(axis) + sliding(axis) * self.value(joint["pitch"])}
+                return {
+                    name: turning(axis) + sliding(axis) * self.value(joint["pitch"])
+                }
             case "universal":
-                return {f"{name}.1": turning(axis), f"{name}.2": turning(self.axis(joint["axis2"]))}
+                return {
+                    f"{name}.1": turning(axis),
+                    f"{name}.2": turning(self.axis(joint["axis2"])),
+                }
             case "planar" if joint["axis"] == "z":
-                return {f"{name}.x": sliding(AXES[0]), f"{name}.y": sliding(AXES[1]), f"{name}.angle": turning(axis)}
+                return {
+                    f"{name}.x": sliding(AXES[0]),
+                    f"{name}.y": sliding(AXES[1]),
+                    f"{name}.angle": turning(axis),
+                }
             case "spherical":
                 return {f"{name}#{k}": turning(AXES[k]) for k in range(3)}
             case "floating":
-                ends = [*(f".t{letter}" for letter in "xyz"), *(f".r#{k}" for k in range(3))]
-                return {f"{name}{end}": motion for end, motion in zip(ends, FREE, strict=True)}
+                ends = [
+                    *(f".t{letter}" for letter in "xyz"),
+                    *(f".r#{k}" for k in range(3)),
+                ]
+                return {
+                    f"{name}{end}": motion
+                    for end, motion in zip(ends, FREE, strict=True)
+                }
         raise NotImplementedError(joint["type"])
 
     def _start(self) -> tuple[float, ...]:
         stated = self.robot.get("assembly", {})
         found: list[float] = []
         for name in self.coordinates:
-            if f"{name}.w" in stated or (f"{name}.x" in stated and self.coordinates.count(name) == 3):
-                turn = euler(np.array([float(self.value(stated.get(f"{name}.{c}", "0"))) for c in "wxyz"]))
-                found.append(turn[len([n for n in self.coordinates[: len(found)] if n == name])])
+            if f"{name}.w" in stated or (
+                f"{name}.x" in stated and self.coordinates.count(name) == 3
+            ):
+                turn = euler(
+                    np.array(
+                        [
+                            float(self.value(stated.get(f"{name}.{c}", "0")))
+                            for c in "wxyz"
+                        ]
+                    )
+                )
+                found.append(
+                    turn[len([n for n in self.coordinates[: len(found)] if n == name])]
+                )
             else:
                 found.append(float(self.value(stated.get(name, "0"))))
         for dependent, terms, constant in self._couplings():
@@ -152,20 +225,26 @@ class _Reader:
         for entry in self.robot.get("couplings", ()):
             for dependent, text in entry.items():
                 whole = self.expression(text)
-                names = [n for n in self.coordinates if sympy.Symbol(n) in whole.free_symbols]
+                names = [
+                    n for n in self.coordinates if sympy.Symbol(n) in whole.free_symbols
+                ]
                 stands = {sympy.Symbol(name): 0 for name in names}
                 terms = {}
                 for name in names:
                     x = sympy.Symbol(name)
                     alone = sympy.Poly(whole.subs({s: 0 for s in stands if s != x}), x)
-                    terms[name] = tuple(float(alone.coeff_monomial(x**k)) for k in range(1, alone.degree() + 1))
+                    terms[name] = tuple(
+                        float(alone.coeff_monomial(x**k))
+                        for k in range(1, alone.degree() + 1)
+                    )
                 found.append((dependent, terms, float(whole.subs(stands))))
         return found
 
     def _ties(self) -> list[dict[int, object]]:
         places = self.coordinates.index
         return [
-            {places(d): 1.0} | {places(n): tuple(-x for x in c) for n, c in terms.items()}
+            {places(d): 1.0}
+            | {places(n): tuple(-x for x in c) for n, c in terms.items()}
             for d, terms, _ in self._couplings()
         ]
 
@@ -182,5 +261,8 @@ class _Reader:
     def _aim(self, axis: list[arb]) -> arb_mat:
         """A frame whose z lies along an axis."""
         x, y, z = axis
-        tilt, turn = arb.atan2((x * x + y * y).sqrt(), z), arb.atan2(y, x) if x != 0 or y != 0 else arb(0)
+        tilt, turn = (
+            arb.atan2((x * x + y * y).sqrt(), z),
+            arb.atan2(y, x) if x != 0 or y != 0 else arb(0),
+        )
         return placed(turned(arb(0), tilt, turn), [arb(0)] * 3)

@@ -45,5 +45,12 @@ outputs:
 
 
 def sensed(mechanism: Mechanism) -> Mechanism:
-    cuts = [Cut(1, Placement(), False, axis, angular) for axis in range(3) for angular in (False, True)]
-    return replace(mechanism, measured=tuple(plain(f"s{k}", "N", cut) for k, cut in enumerate(cuts)))
+    cuts = [
+        Cut(1, Placement(), False, axis, angular)
+        for axis in range(3)
+        for angular in (False, True)
+    ]
+    return replace(
+        mechanism,
+        measured=tuple(plain(f"s{k}", "N", cut) for k, cut in enumerate(cuts)),
+    )

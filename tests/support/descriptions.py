@@ -7,7 +7,9 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 
 
-def read_description(text: str | bytes, source: str, options: ReadingOptions) -> Mechanism:
+def read_description(
+    text: str | bytes, source: str, options: ReadingOptions
+) -> Mechanism:
     """The robot that the text of a description states."""
     data = text.encode() if isinstance(text, str) else text
     return RobotFile(data, source, is_description=True).mechanism(options)

@@ -50,13 +50,22 @@ _CHOOSE = """{
 class DevTools:
     """A browser with one page; what its console says, workers included, and what it asks of whom are kept."""
 
-    def __init__(self, profile: Path, width: int = 1400, height: int = 900, dark: bool = False) -> None:
+    def __init__(
+        self, profile: Path, width: int = 1400, height: int = 900, dark: bool = False
+    ) -> None:
         command = [tool(*CHROMIUM), *FLAGS, f"--user-data-dir={profile}", "about:blank"]
         there, self._to = os.pipe()
         self._from, back = os.pipe()
-        silent = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_RDWR, 0) for fd in (0, 1, 2)]
-        ends = [(os.POSIX_SPAWN_DUP2, there, 3), (os.POSIX_SPAWN_DUP2, back, 4)]  # where Chromium expects them
-        self._process = os.posix_spawn(command[0], command, os.environ, file_actions=[*silent, *ends], setpgroup=0)
+        silent = [
+            (os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_RDWR, 0) for fd in (0, 1, 2)
+        ]
+        ends = [
+            (os.POSIX_SPAWN_DUP2, there, 3),
+            (os.POSIX_SPAWN_DUP2, back, 4),
+        ]  # where Chromium expects them
+        self._process = os.posix_spawn(
+            command[0], command, os.environ, file_actions=[*silent, *ends], setpgroup=0
+        )
         os.close(there)
         os.close(back)
         self._rest, self._asked = b"", 0
@@ -65,7 +74,9 @@ class DevTools:
         self.events: list[tuple[str, Any]] = []
         self._session = ""
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = self.call(
+            "Target.attachToTarget", targetId=target, flatten=True
+        )["sessionId"]
         self._listen(self._session)
         self.call("Page.enable")
         self.call("Page.bringToFront")
@@ -76,14 +87,19 @@ class DevTools:
         for method in ("Runtime.enable", "Log.enable", "Network.enable"):
             self._send(method, {}, session)
         self._send(
-            "Target.setAutoAttach", {"autoAttach": True, "waitForDebuggerOnStart": False, "flatten": True}, session
+            "Target.setAutoAttach",
+            {"autoAttach": True, "waitForDebuggerOnStart": False, "flatten": True},
+            session,
         )
 
     def __enter__(self) -> DevTools:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         os.killpg(self._process, signal.SIGKILL)
         os.waitpid(self._process, 0)
@@ -94,7 +110,11 @@ class DevTools:
 
     def call(self, method: str, **given: Any) -> Any:
         """The result of a method of the protocol."""
-        session = "" if method.startswith(("Target.create", "Target.attach", "Browser.")) else self._session
+        session = (
+            ""
+            if method.startswith(("Target.create", "Target.attach", "Browser."))
+            else self._session
+        )
         number = self._send(method, given, session)
         while True:
             answer = self._next(PATIENCE)
@@ -104,14 +124,18 @@ class DevTools:
 
     def _send(self, method: str, given: dict[str, Any], session: str) -> int:
         self._asked += 1
-        message = {"id": self._asked, "method": method, "params": given} | ({"sessionId": session} if session else {})
+        message = {"id": self._asked, "method": method, "params": given} | (
+            {"sessionId": session} if session else {}
+        )
         os.write(self._to, json.dumps(message).encode() + b"\0")
         return self._asked
 
     def _next(self, seconds: float) -> dict[str, Any]:
         until = time.monotonic() + seconds
         while b"\0" not in self._rest:
-            ready, _, _ = select.select([self._from], [], [], max(until - time.monotonic(), 0))
+            ready, _, _ = select.select(
+                [self._from], [], [], max(until - time.monotonic(), 0)
+            )
             if not ready:
                 raise TimeoutError("the browser does not answer")
             self._rest += os.read(self._from, 1 << 20)
@@ -123,10 +147,17 @@ class DevTools:
     def _note(self, event: str, told: Any) -> None:
         if event == "Runtime.exceptionThrown":
             details = told["exceptionDetails"]
-            self.said.append(details.get("exception", {}).get("description", details["text"]))
+            self.said.append(
+                details.get("exception", {}).get("description", details["text"])
+            )
         elif event == "Runtime.consoleAPICalled":
-            self.said.append(" ".join(str(argument.get("value")) for argument in told["args"]))
-        elif event == "Log.entryAdded" and "GL Driver Message" not in told["entry"]["text"]:
+            self.said.append(
+                " ".join(str(argument.get("value")) for argument in told["args"])
+            )
+        elif (
+            event == "Log.entryAdded"
+            and "GL Driver Message" not in told["entry"]["text"]
+        ):
             self.said.append(f"{told['entry']['text']} {told['entry'].get('url', '')}")
         elif event == "Network.requestWillBeSent":
             self.urls.append(told["request"]["url"])
@@ -139,7 +170,12 @@ class DevTools:
 
     def size(self, width: int, height: int) -> None:
         """The size of the screen, px."""
-        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < PHONE}
+        metrics = {
+            "width": width,
+            "height": height,
+            "deviceScaleFactor": 1,
+            "mobile": width < PHONE,
+        }
         self.call("Emulation.setDeviceMetricsOverride", **metrics)
 
     def colours(self, *, dark: bool) -> None:
@@ -159,7 +195,9 @@ class DevTools:
     def _loaded(self, act: Callable[[], object]) -> None:
         self.events.clear()
         act()
-        self.wait(lambda: any(event == "Page.loadEventFired" for event, _ in self.events))
+        self.wait(
+            lambda: any(event == "Page.loadEventFired" for event, _ in self.events)
+        )
 
     def wait(self, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
         """Take events until a condition holds."""
@@ -170,7 +208,12 @@ class DevTools:
         """The value of an expression or of its promise; names in it stand for values."""
         for name, value in names.items():
             expression = expression.replace(name, json.dumps(value))
-        told = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        told = self.call(
+            "Runtime.evaluate",
+            expression=expression,
+            awaitPromise=True,
+            returnByValue=True,
+        )
         assert "exceptionDetails" not in told, told["exceptionDetails"]
         return told["result"].get("value")
 
@@ -178,7 +221,14 @@ class DevTools:
         """A click in the middle of an element; it fails where something else is in front."""
         x, y = self.evaluate(_PLACE, SELECTOR=selector)
         for kind in ("mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+            self.call(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x,
+                y=y,
+                button="left",
+                clickCount=1,
+            )
 
     def press(self, key: str, held: str = "") -> None:
         """A key where the focus is, perhaps with Ctrl held."""
@@ -190,7 +240,12 @@ class DevTools:
             "modifiers": _CTRL * ctrl,
             "windowsVirtualKeyCode": KEYS.get(key, ord(key[0])),
         }
-        self.call("Input.dispatchKeyEvent", type="keyDown", **given, **({"text": text} if text and not ctrl else {}))
+        self.call(
+            "Input.dispatchKeyEvent",
+            type="keyDown",
+            **given,
+            **({"text": text} if text and not ctrl else {}),
+        )
         self.call("Input.dispatchKeyEvent", type="keyUp", **given)
 
     def type(self, selector: str, text: str) -> None:
@@ -210,18 +265,34 @@ class DevTools:
         for kind in ("dragEnter", "dragOver", "drop"):
             self.call("Input.dispatchDragEvent", type=kind, x=x, y=y, data=data)
 
-    def downloads(self, folder: Path, count: int, act: Callable[[], None]) -> dict[str, str]:
+    def downloads(
+        self, folder: Path, count: int, act: Callable[[], None]
+    ) -> dict[str, str]:
         """The files that an act brings into an empty folder, by name."""
-        self.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder), eventsEnabled=True)
+        self.call(
+            "Browser.setDownloadBehavior",
+            behavior="allow",
+            downloadPath=str(folder),
+            eventsEnabled=True,
+        )
         act()
         self.wait(
             lambda: (
-                [t.get("state") for e, t in self.events if e == "Browser.downloadProgress"].count("completed") >= count
+                [
+                    t.get("state")
+                    for e, t in self.events
+                    if e == "Browser.downloadProgress"
+                ].count("completed")
+                >= count
             )
         )
-        return {file.name: file.read_text(encoding="utf-8") for file in folder.iterdir()}
+        return {
+            file.name: file.read_text(encoding="utf-8") for file in folder.iterdir()
+        }
 
     def picture(self, *, whole: bool = False) -> bytes:
         """What is seen, or the whole page, as a PNG."""
-        told = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        told = self.call(
+            "Page.captureScreenshot", format="png", captureBeyondViewport=whole
+        )
         return base64.b64decode(told["data"])

@@ -66,7 +66,10 @@ COMMANDS = {
     "verify": "verify arm.json --seed 7 --json",
     "sensors": "sensors arm.yaml --size 2 --json",
     "audit": "audit arm.yaml claimed.txt --json",
-    **{f"generate-{name}": f"generate arm.yaml --target {name} -o code-{name} --json" for name in LANGUAGES},
+    **{
+        f"generate-{name}": f"generate arm.yaml --target {name} -o code-{name} --json"
+        for name in LANGUAGES
+    },
     "generate-loop": "generate loop.yaml --function regressor --target c -o code-loop",
     "excite": "excite arm.yaml -o motion --format csv --format parquet --format yaml --rate 200",
     "excite-json": "excite arm.yaml --criterion condition --family bspline --segments 6 --json",
@@ -90,22 +93,40 @@ def write_inputs(folder: Path) -> None:
 
     import echelon as ec
 
-    texts = {"arm.yaml": ARM, "gripper.urdf": URDF, "loop.yaml": LOOP, "linear.yaml": LINEAR, "claimed.txt": CLAIMED}
+    texts = {
+        "arm.yaml": ARM,
+        "gripper.urdf": URDF,
+        "loop.yaml": LOOP,
+        "linear.yaml": LINEAR,
+        "claimed.txt": CLAIMED,
+    }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     base = ec.base_parameters(ec.load(folder / "arm.yaml"))
     values = np.linspace(0.2, 0.6, base.rank)
     for number in (1, 2):
         rng, t = np.random.default_rng(number), np.arange(2000) / 200
-        sizes, rates, phases = rng.uniform((0.2, 1, 0), (0.5, 7, 6), (4, 2, 3)).T[:, :, :, None]
+        sizes, rates, phases = rng.uniform((0.2, 1, 0), (0.5, 7, 6), (4, 2, 3)).T[
+            :, :, :, None
+        ]
         angle = rates * t + phases
         q, qd, qdd = (
             np.sum(part, axis=1).T
-            for part in (sizes * np.sin(angle), sizes * rates * np.cos(angle), -sizes * rates**2 * np.sin(angle))
+            for part in (
+                sizes * np.sin(angle),
+                sizes * rates * np.cos(angle),
+                -sizes * rates**2 * np.sin(angle),
+            )
         )
         tau = base.predict(q, qd, qdd, values) + 0.01 * rng.normal(size=q.shape)
         table = np.column_stack([t, q, tau])
-        np.savetxt(folder / f"run{number}.csv", table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
+        np.savetxt(
+            folder / f"run{number}.csv",
+            table,
+            delimiter=",",
+            header="t,q1,q2,tau1,tau2",
+            comments="",
+        )
 
 
 def run(name: str) -> None:
@@ -119,7 +140,9 @@ def run(name: str) -> None:
             main()
         except SystemExit as ended:
             code = int(ended.code or 0)
-    Path(f"{name}.out").write_text(f"{out.getvalue()}{err.getvalue()}exit code {code}\n", encoding="utf-8")
+    Path(f"{name}.out").write_text(
+        f"{out.getvalue()}{err.getvalue()}exit code {code}\n", encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -60,20 +60,32 @@ def families(duration: float = 4.0) -> dict[str, Basis]:
     }
 
 
-def random_motion(basis: Basis, count: int, seed: int = 0, size: float = 0.5) -> Trajectory:
+def random_motion(
+    basis: Basis, count: int, seed: int = 0, size: float = 0.5
+) -> Trajectory:
     """A random motion of some coordinates q1, q2, …"""
-    coefficients = np.random.default_rng(seed).normal(scale=size, size=(basis.size, count))
+    coefficients = np.random.default_rng(seed).normal(
+        scale=size, size=(basis.size, count)
+    )
     names = tuple(f"q{k + 1}" for k in range(count))
     return Trajectory(names, ("rad",) * count, basis, coefficients)
 
 
 def slope_along(function: Callable[[float], Any], step: float) -> Floats:
     """Derivative at 0 by differences of fourth order, values in fifty digits."""
-    return np.asarray(sum(weight * np.asarray(function(k * step)) for k, weight in _FOURTH)) / step
+    return (
+        np.asarray(
+            sum(weight * np.asarray(function(k * step)) for k, weight in _FOURTH)
+        )
+        / step
+    )
 
 
 def slopes_by_state(
-    function: Callable[..., Floats], state: Mapping[str, Floats], name: str, step: float = 1e-3
+    function: Callable[..., Floats],
+    state: Mapping[str, Floats],
+    name: str,
+    step: float = 1e-3,
 ) -> Floats:
     """Derivatives of a function of q, q̇ and q̈ by one of them, shape (N, …, n)."""
     columns = []
@@ -95,11 +107,21 @@ def ur10() -> Mechanism:
     return ec.load(robot_file("ur10_robot"), snap_tolerance=0)
 
 
-def torques(mechanism: Mechanism, standard: Floats, limit: float = 100.0, **changes: float | None) -> StateLimits:
-    names = [EffortLimit(name, "N·m", limit + k) for k, name in enumerate(mechanism.velocities)]
+def torques(
+    mechanism: Mechanism,
+    standard: Floats,
+    limit: float = 100.0,
+    **changes: float | None,
+) -> StateLimits:
+    names = [
+        EffortLimit(name, "N·m", limit + k)
+        for k, name in enumerate(mechanism.velocities)
+    ]
     settings = {"margin": 0.1, "smooth": None} | changes
     model = EffortModel(standard)
-    found = effort_limits(mechanism, names, model, settings["margin"] or 0.0, settings["smooth"])
+    found = effort_limits(
+        mechanism, names, model, settings["margin"] or 0.0, settings["smooth"]
+    )
     assert isinstance(found, StateLimits)
     return found
 
@@ -113,9 +135,15 @@ def tx40_standard() -> tuple[Mechanism, Floats]:
 def points() -> list[PointLimit]:
     slanted = tuple((np.array([1.0, 2.0, -2.0]) / 3).tolist())
     return [
-        PointLimit("z of wrist", "wrist_3_link", (0.0, 0.1, 0.05), (0.0, 0.0, 1.0), 0.1, 1.2),
-        PointLimit("slanted of elbow", "forearm_link", (0.3, -0.2, 0.1), slanted, -np.inf, 0.5),  # type: ignore[arg-type]
-        PointLimit("z of shoulder", "shoulder_link", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), -1, 1),
+        PointLimit(
+            "z of wrist", "wrist_3_link", (0.0, 0.1, 0.05), (0.0, 0.0, 1.0), 0.1, 1.2
+        ),
+        PointLimit(
+            "slanted of elbow", "forearm_link", (0.3, -0.2, 0.1), slanted, -np.inf, 0.5
+        ),  # type: ignore[arg-type]
+        PointLimit(
+            "z of shoulder", "shoulder_link", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), -1, 1
+        ),
     ]
 
 

@@ -15,7 +15,13 @@ from echelon.excite.problem.closed_loops import (
     loop_limits,
     state_regressor,
 )
-from echelon.excite.problem.state_limits import EffortLimit, EffortModel, PointLimit, effort_limits, point_limits
+from echelon.excite.problem.state_limits import (
+    EffortLimit,
+    EffortModel,
+    PointLimit,
+    effort_limits,
+    point_limits,
+)
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import Mechanism
@@ -38,7 +44,9 @@ MECHANISMS = (*BUILT, *FILES)
 LARGE = {"chain", "gough_stewart"}
 """Mechanisms that take long."""
 CASES = slow_unless(lambda name: name not in LARGE, MECHANISMS)
-DERIVED = slow_unless(lambda name: name not in {*LARGE, "coupled chain", "delta"}, MECHANISMS)
+DERIVED = slow_unless(
+    lambda name: name not in {*LARGE, "coupled chain", "delta"}, MECHANISMS
+)
 """For tests that need base parameters; the spatial one is 3-RPS."""
 REDUNDANT = {"four-bar", "slider-crank", "four_bar", "parallelogram"}
 
@@ -60,13 +68,19 @@ def regressor(name: str, smooth: float | None = None) -> LoopRegressor:
     return made
 
 
-def states(motion: LoopMotion, count: int = 4, reach: float = 0.02) -> dict[str, Floats]:
+def states(
+    motion: LoopMotion, count: int = 4, reach: float = 0.02
+) -> dict[str, Floats]:
     """Random states of the independent coordinates near the assembly pose."""
     rng, units = np.random.default_rng(5), motion.independent_units
     names = motion.mechanism.positions
     centre = motion.pose[[names.index(name) for name in motion.independent_positions]]
     q = centre + reach * units * rng.uniform(-1, 1, (count, len(units)))
-    return {"q": q, "qd": units * rng.uniform(-1, 1, q.shape), "qdd": units * rng.uniform(-2, 2, q.shape)}
+    return {
+        "q": q,
+        "qd": units * rng.uniform(-1, 1, q.shape),
+        "qdd": units * rng.uniform(-2, 2, q.shape),
+    }
 
 
 def full(found: Floats, made: LoopRegressor, rank: int) -> Floats:
@@ -97,19 +111,38 @@ def limited(name: str, rng: np.random.Generator) -> LoopLimits:
     """Torques and a point, by a model that is not certain."""
     robot = mechanism(name)
     efforts = [EffortLimit(output.name, output.unit, 500.0) for output in robot.outputs]
-    points = [PointLimit("p", robot.bodies[-1].name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -3.0, 3.0)]
+    points = [
+        PointLimit(
+            "p", robot.bodies[-1].name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -3.0, 3.0
+        )
+    ]
     return loop_limits(
         LoopMotion(robot),
-        [effort_limits(robot, efforts, identified(name, rng), 0.1, None), point_limits(robot, points)],
+        [
+            effort_limits(robot, efforts, identified(name, rng), 0.1, None),
+            point_limits(robot, points),
+        ],
     )
 
 
 def motion_of(limits: LoopLimits, size: float) -> Trajectory:
     """A small motion about the pose of the assembly."""
     motion, basis = limits.motion, resting_ends(Fourier(2.0, 2))
-    rest = np.linalg.lstsq(basis.values(np.linspace(0, 2, 50), 0), np.ones(50), rcond=None)[0]
-    centre = motion.pose[[motion.mechanism.positions.index(name) for name in motion.independent_positions]]
+    rest = np.linalg.lstsq(
+        basis.values(np.linspace(0, 2, 50), 0), np.ones(50), rcond=None
+    )[0]
+    centre = motion.pose[
+        [
+            motion.mechanism.positions.index(name)
+            for name in motion.independent_positions
+        ]
+    ]
     swing = np.random.default_rng(3).normal(size=(basis.size, len(centre)))
     swing *= size / np.abs(basis.values(np.linspace(0, 2, 500), 0) @ swing).max()
     units = ("rad",) * len(centre)
-    return Trajectory(motion.mechanism.independent_velocities, units, basis, np.outer(rest, centre) + swing)
+    return Trajectory(
+        motion.mechanism.independent_velocities,
+        units,
+        basis,
+        np.outer(rest, centre) + swing,
+    )

@@ -53,7 +53,12 @@ def _by_name(values: Floats) -> dict[str, float]:
 
 def _arm() -> System:
     position = {name: [-value, value] for name, value in _by_name(POSITION).items()}
-    limits = {"velocity": _by_name(VELOCITY), "acceleration": ACCELERATION, "jerk": "none", "effort": _by_name(EFFORT)}
+    limits = {
+        "velocity": _by_name(VELOCITY),
+        "acceleration": ACCELERATION,
+        "jerk": "none",
+        "effort": _by_name(EFFORT),
+    }
     return System(
         "excited arm",
         (
@@ -67,7 +72,10 @@ def _arm() -> System:
         {
             name: Drive(viscous, coulomb)
             for name, viscous, coulomb in zip(
-                JOINTS, (1.5, 2.0, 1.0, 0.3, 0.2, 0.1), (1.2, 2.0, 0.8, 0.2, 0.15, 0.1), strict=True
+                JOINTS,
+                (1.5, 2.0, 1.0, 0.3, 0.2, 0.1),
+                (1.2, 2.0, 0.8, 0.2, 0.15, 0.1),
+                strict=True,
             )
         },
         tuple(NOISE.tolist()),
@@ -110,7 +118,13 @@ def known() -> Known:
     setup = ARM.load(Path(kept.name))
     with TemporaryDirectory() as folder:
         base, standard = ARM.truth(Path(folder))
-    return Known(setup, base, base.values(standard), designed(task_of(setup, setup.excitation)), kept)
+    return Known(
+        setup,
+        base,
+        base.values(standard),
+        designed(task_of(setup, setup.excitation)),
+        kept,
+    )
 
 
 @cache
@@ -124,7 +138,9 @@ def excited(seed: int = 1, starts: int = 1) -> ExcitingTrajectory:
 def random_motion(seed: int) -> Trajectory:
     """Of the same family, from rest to rest, and as large as the limits allow."""
     design = known().design
-    return design.trajectory(design.problem.scaled(design.problem.random(np.random.default_rng(seed)), 0.98))
+    return design.trajectory(
+        design.problem.scaled(design.problem.random(np.random.default_rng(seed)), 0.98)
+    )
 
 
 def sines(shift: int) -> Trajectory:
@@ -134,7 +150,9 @@ def sines(shift: int) -> Trajectory:
     for j in range(len(JOINTS)):
         k = 1 + (j + shift) % len(JOINTS)
         rate = 2 * np.pi * k / PERIOD
-        coefficients[2 * k, j] = 0.98 * min(POSITION[j], VELOCITY[j] / rate, ACCELERATION / rate**2)
+        coefficients[2 * k, j] = 0.98 * min(
+            POSITION[j], VELOCITY[j] / rate, ACCELERATION / rate**2
+        )
     return Trajectory(JOINTS, ("rad",) * len(JOINTS), basis, coefficients)
 
 
@@ -162,13 +180,18 @@ class Rows:
         """Plain least squares with other noise each time, shape (seeds, r)."""
         rng = np.random.default_rng(first)
         Q, R = np.linalg.qr(self.W)
-        seen = np.stack([Q.T @ (self.y + rng.standard_normal(len(self.y))) for _ in range(seeds)], axis=1)
+        seen = np.stack(
+            [Q.T @ (self.y + rng.standard_normal(len(self.y))) for _ in range(seeds)],
+            axis=1,
+        )
         found: Floats = np.linalg.solve(R, seen).T
         return found
 
     def errors(self, estimates: Floats) -> Floats:
         """Root mean square of prediction errors, in units of the noise, for each estimate."""
-        found: Floats = np.sqrt(np.mean((self.y[:, None] - self.W @ estimates.T) ** 2, axis=0))
+        found: Floats = np.sqrt(
+            np.mean((self.y[:, None] - self.W @ estimates.T) ** 2, axis=0)
+        )
         return found
 
 
@@ -176,7 +199,12 @@ def rows(trajectory: Trajectory, periods: int = 1) -> Rows:
     """MuJoCo's torques along a motion that is followed exactly; dry friction at rest is nobody's to know, so ours."""
     t = np.arange(round(PERIOD * RATE) * periods) / RATE
     states = trajectory.states(t)
-    smooth = replace(ARM, drives={name: replace(drive, coulomb=0.0) for name, drive in ARM.drives.items()})
+    smooth = replace(
+        ARM,
+        drives={
+            name: replace(drive, coulomb=0.0) for name, drive in ARM.drives.items()
+        },
+    )
     dry = np.sign(states[1]) * [drive.coulomb for drive in ARM.drives.values()]
     y = ARM.inverse(smooth.mjcf(TRUE), *states) + dry
     W = known().base.regressor(*states) / NOISE[:, None]
@@ -195,7 +223,9 @@ def scaled_condition(F: Floats) -> float:
 # -- a robot that runs a trajectory ------------------------------------------------------------------------------------
 
 
-def followed(trajectory: Trajectory, periods: int = 1, unmodelled: float = 0.0) -> Motion:
+def followed(
+    trajectory: Trajectory, periods: int = 1, unmodelled: float = 0.0
+) -> Motion:
     """Forward dynamics under feed-forward of the guessed robot and feedback; torques are those of the motors."""
     model = mujoco.MjModel.from_xml_string(ARM.mjcf(TRUE))
     data = mujoco.MjData(model)
@@ -206,7 +236,9 @@ def followed(trajectory: Trajectory, periods: int = 1, unmodelled: float = 0.0) 
 
     def control(_: Any, state: Any) -> None:
         k = round(2 * state.time / step)
-        state.ctrl[:] = forward[k] + EFFORT * (5 * (q[k] - state.qpos) + 0.3 * (qd[k] - state.qvel))
+        state.ctrl[:] = forward[k] + EFFORT * (
+            5 * (q[k] - state.qpos) + 0.3 * (qd[k] - state.qvel)
+        )
         stick = np.exp(-((state.qvel / 0.1) ** 2)) * np.tanh(state.qvel / 0.005)
         state.qfrc_applied[:] = dry * (np.sin(20 * state.qpos) - stick)
 
@@ -217,7 +249,15 @@ def followed(trajectory: Trajectory, periods: int = 1, unmodelled: float = 0.0) 
         for k in range(round(seconds / step)):
             if k % round(1 / RATE / step) == 0:
                 mujoco.mj_forward(model, data)
-                kept.append((data.time, data.qpos.copy(), data.qvel.copy(), data.qacc.copy(), data.ctrl.copy()))
+                kept.append(
+                    (
+                        data.time,
+                        data.qpos.copy(),
+                        data.qvel.copy(),
+                        data.qacc.copy(),
+                        data.ctrl.copy(),
+                    )
+                )
             mujoco.mj_step(model, data)
     finally:
         mujoco.set_mjcb_control(None)
@@ -225,10 +265,18 @@ def followed(trajectory: Trajectory, periods: int = 1, unmodelled: float = 0.0) 
 
 
 def identified(
-    folder: Path, motion: Motion, fresh: Motion | None = None, seed: int = 0, **settings: Any
+    folder: Path,
+    motion: Motion,
+    fresh: Motion | None = None,
+    seed: int = 0,
+    **settings: Any,
 ) -> Identification:
     """What comes of a noisy log, of which nothing is held out; ``fresh`` is predicted, without noise."""
     setup = known().setup.with_settings(holdout=0.0, **settings)
     log = ARM.log(motion, folder / f"run{seed}", setup.mechanism, seed, ENCODER)
-    unseen = [] if fresh is None else [ARM.log(fresh, folder / "fresh", setup.mechanism, None)]
+    unseen = (
+        []
+        if fresh is None
+        else [ARM.log(fresh, folder / "fresh", setup.mechanism, None)]
+    )
     return ec.identify(setup, [log], validate_on=unseen)

@@ -100,7 +100,9 @@ class Explorer:
 
     def answered(self, before: int = 0) -> Any:
         """What the page says when its answer has come."""
-        assert self.browser.evaluate(_ANSWERED, BEFORE=before, LIMIT=self.limit), "no answer"
+        assert self.browser.evaluate(_ANSWERED, BEFORE=before, LIMIT=self.limit), (
+            "no answer"
+        )
         return self.browser.evaluate(_STATE)
 
     def check(self) -> None:
@@ -113,7 +115,9 @@ class Explorer:
 @contextmanager
 def serving(folder: Path, *, pyodide: bool = True) -> Iterator[int]:
     """The port of a server of a folder; without Pyodide this process answers the explorer."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, pyodide, directory=str(folder)))
+    server = ThreadingHTTPServer(
+        ("127.0.0.1", 0), partial(_Handler, pyodide, directory=str(folder))
+    )
     Thread(target=server.serve_forever, daemon=True).start()
     try:
         yield server.server_address[1]
@@ -123,7 +127,10 @@ def serving(folder: Path, *, pyodide: bool = True) -> Iterator[int]:
 
 
 class _Handler(SimpleHTTPRequestHandler):
-    extensions_map = SimpleHTTPRequestHandler.extensions_map | {".mjs": "text/javascript", ".wasm": "application/wasm"}
+    extensions_map = SimpleHTTPRequestHandler.extensions_map | {
+        ".mjs": "text/javascript",
+        ".wasm": "application/wasm",
+    }
 
     def __init__(self, pyodide: bool, *given: Any, **options: Any) -> None:
         self.pyodide = pyodide

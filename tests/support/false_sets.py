@@ -50,7 +50,10 @@ TERMS = (
 def _effects(rng: random.Random, joints: list[str], most: int) -> str:
     count = rng.randrange(most + 1)
     chosen = [(f"P{k}", rng.choice(joints), rng.choice(TERMS)) for k in range(count)]
-    rows = [f"{{parameter: {name}, unit: N·m, acts: [{{at: {at}, term: '{term}'}}]}}" for name, at, term in chosen]
+    rows = [
+        f"{{parameter: {name}, unit: N·m, acts: [{{at: {at}, term: '{term}'}}]}}"
+        for name, at, term in chosen
+    ]
     return f"\neffects: [{', '.join(rows)}]" if rows else ""
 
 
@@ -58,7 +61,10 @@ def _arm(rng: random.Random) -> str:
     """A serial arm whose twists and lengths are symbols, special at their values."""
     joints = rng.randrange(2, 5)
     names = [f"j{k + 1}" for k in range(joints)]
-    symbols = [f"alpha{k}: {rng.choice(ANGLES)}, a{k}: {rng.choice(LENGTHS)}" for k in range(1, joints)]
+    symbols = [
+        f"alpha{k}: {rng.choice(ANGLES)}, a{k}: {rng.choice(LENGTHS)}"
+        for k in range(1, joints)
+    ]
     rows = ["{joint: revolute}"]
     rows += [
         f"{{joint: {rng.choice(['revolute', 'revolute', 'prismatic'])}, alpha: alpha{k}, a: a{k}}}"
@@ -126,9 +132,13 @@ class Honest:
 def honest(text: str) -> Honest | None:
     """The true sets of a description; None if it is refused or doubted."""
     try:
-        mechanism = read_description(f"echelon: 1\nname: robot\n{text}".encode(), "robot.yaml", ReadingOptions())
+        mechanism = read_description(
+            f"echelon: 1\nname: robot\n{text}".encode(), "robot.yaml", ReadingOptions()
+        )
         own = ec.base_parameters(mechanism)
-        general = ec.base_parameters(mechanism, generic=True) if mechanism.symbols else None
+        general = (
+            ec.base_parameters(mechanism, generic=True) if mechanism.symbols else None
+        )
     except (ec.EchelonError, Warning):
         return None
     return None if own.reading.doubt else Honest(text, own, general)
@@ -147,19 +157,30 @@ Attack = Callable[[Honest, random.Random], ec.BaseModel | None]
 
 
 def _made(
-    model: ec.BaseModel, rows: Mapping[int, Mapping[int, RationalFunction]], numbers: StatedNumbers | None
+    model: ec.BaseModel,
+    rows: Mapping[int, Mapping[int, RationalFunction]],
+    numbers: StatedNumbers | None,
 ) -> ec.BaseModel:
     """A set with other rows, by their pivots, in the column order of the honest one."""
     pivots = tuple(column for column in model.matrix.order if column in rows)
-    matrix = replace(model.matrix, pivots=pivots, rows=tuple(dict(rows[p]) for p in pivots), numbers=numbers)
+    matrix = replace(
+        model.matrix,
+        pivots=pivots,
+        rows=tuple(dict(rows[p]) for p in pivots),
+        numbers=numbers,
+    )
     return replace(model, matrix=matrix)
 
 
 def _rows(matrix: BaseMatrix) -> dict[int, dict[int, RationalFunction]]:
-    return {pivot: dict(row) for pivot, row in zip(matrix.pivots, matrix.rows, strict=True)}
+    return {
+        pivot: dict(row) for pivot, row in zip(matrix.pivots, matrix.rows, strict=True)
+    }
 
 
-def _numbers(model: ec.BaseModel, columns: list[int], rng: random.Random) -> StatedNumbers:
+def _numbers(
+    model: ec.BaseModel, columns: list[int], rng: random.Random
+) -> StatedNumbers:
     """Some columns called numbers, exact or not."""
     at = value_texts(model.mechanism, all_symbols(model.mechanism))
     return StatedNumbers(tuple(sorted(columns)), at, rng.choice([0.0, 1e-40]))
@@ -189,7 +210,11 @@ def one_side(truth: Honest, rng: random.Random) -> ec.BaseModel | None:
     if model.rank < 2:
         return None
     dropped, kept = rng.sample(model.matrix.pivots[-4:], 2)
-    rows = {p: {c: v for c, v in row.items() if c != dropped} for p, row in _rows(model.matrix).items() if p != dropped}
+    rows = {
+        p: {c: v for c, v in row.items() if c != dropped}
+        for p, row in _rows(model.matrix).items()
+        if p != dropped
+    }
     if model.matrix.order.index(kept) > model.matrix.order.index(dropped):
         return None
     rows[kept][dropped] = RationalFunction(Fraction(rng.choice([1, -1, 2])))
@@ -198,7 +223,11 @@ def one_side(truth: Honest, rng: random.Random) -> ec.BaseModel | None:
 
 def general_for_own(truth: Honest, rng: random.Random) -> ec.BaseModel | None:  # noqa: ARG001
     """The general set is passed for that at the stated values."""
-    return None if truth.general is None else replace(truth.general, generic=False, special=None)
+    return (
+        None
+        if truth.general is None
+        else replace(truth.general, generic=False, special=None)
+    )
 
 
 def silent_general(truth: Honest, rng: random.Random) -> ec.BaseModel | None:  # noqa: ARG001
@@ -209,11 +238,16 @@ def silent_general(truth: Honest, rng: random.Random) -> ec.BaseModel | None:  #
 def more(truth: Honest, rng: random.Random) -> ec.BaseModel | None:
     """A dependent column becomes a representative."""
     model = truth.own
-    dependent = [c for c in range(len(model.parameters)) if c not in model.matrix.pivots]
+    dependent = [
+        c for c in range(len(model.parameters)) if c not in model.matrix.pivots
+    ]
     if not dependent:
         return None
     column = rng.choice(dependent)
-    rows = {p: {c: v for c, v in row.items() if c != column} for p, row in _rows(model.matrix).items()}
+    rows = {
+        p: {c: v for c, v in row.items() if c != column}
+        for p, row in _rows(model.matrix).items()
+    }
     numbers = rng.choice([model.matrix.numbers, _numbers(model, [], rng)])
     return _made(model, rows | {column: {column: ONE}}, numbers)
 
@@ -226,9 +260,17 @@ def other_coefficient(truth: Honest, rng: random.Random) -> ec.BaseModel | None:
         return None
     pivot, column = rng.choice(places)
     rows = _rows(model.matrix)
-    rows[pivot][column] = RationalFunction(rng.choice([Fraction(7), Fraction(-1), Fraction(1, 10**25)]))
-    called = [column] if all(not rows[p][column].symbols() for p in rows if column in rows[p]) else []
-    numbers = model.matrix.numbers if rng.random() < 0.3 else _numbers(model, called, rng)
+    rows[pivot][column] = RationalFunction(
+        rng.choice([Fraction(7), Fraction(-1), Fraction(1, 10**25)])
+    )
+    called = (
+        [column]
+        if all(not rows[p][column].symbols() for p in rows if column in rows[p])
+        else []
+    )
+    numbers = (
+        model.matrix.numbers if rng.random() < 0.3 else _numbers(model, called, rng)
+    )
     return _made(model, rows, numbers)
 
 
@@ -239,18 +281,30 @@ def all_numbers(truth: Honest, rng: random.Random) -> ec.BaseModel | None:
     rows = _rows(model.matrix)
     for i, pivot in enumerate(model.matrix.pivots):
         for column in rows[pivot]:
-            rows[pivot][column] = RationalFunction(Fraction(repr(float(values[i, column]))))
+            rows[pivot][column] = RationalFunction(
+                Fraction(repr(float(values[i, column])))
+            )
     places = [(p, c) for p in rows for c in rows[p] if c != p]
     if places and rng.random() < 0.8:
         pivot, column = rng.choice(places)
         rows[pivot][column] = RationalFunction(Fraction(rng.choice([7, -3])))
     others = [c for c in range(len(model.parameters)) if c not in rows]
     return _made(
-        model, {p: {c: v for c, v in row.items() if v} for p, row in rows.items()}, _numbers(model, others, rng)
+        model,
+        {p: {c: v for c, v in row.items() if v} for p, row in rows.items()},
+        _numbers(model, others, rng),
     )
 
 
-ATTACKS: tuple[Attack, ...] = (fewer, one_side, general_for_own, silent_general, more, other_coefficient, all_numbers)
+ATTACKS: tuple[Attack, ...] = (
+    fewer,
+    one_side,
+    general_for_own,
+    silent_general,
+    more,
+    other_coefficient,
+    all_numbers,
+)
 
 
 def false_sets(count: int, seed: int) -> Iterator[FalseSet]:
@@ -280,7 +334,9 @@ def is_accepted(false: FalseSet) -> bool:
     model = false.model
     stated = None if model.generic else model_at_stated_values(model.mechanism)
     try:
-        certificate = certify(virtual_power_form(model.mechanism), model.matrix, model.seed, stated)
+        certificate = certify(
+            virtual_power_form(model.mechanism), model.matrix, model.seed, stated
+        )
         ec.verify(from_json(to_json(replace(model, certificate=certificate))))
     except (ec.EchelonError, json.JSONDecodeError):
         return False
@@ -291,8 +347,14 @@ def is_true(false: FalseSet) -> bool:
     """Whether a set is the honest one: as many base parameters, and the same coefficients at the stated values."""
     model, truth = false.model, false.truth
     honest_one = truth.general if model.generic else truth.own
-    if honest_one is None or model.rank != honest_one.rank or model.matrix.pivots != honest_one.matrix.pivots:
+    if (
+        honest_one is None
+        or model.rank != honest_one.rank
+        or model.matrix.pivots != honest_one.matrix.pivots
+    ):
         return False
     if model.generic and model.special != honest_one.special:
         return False
-    return bool(np.allclose(model.B_float(), honest_one.B_float(), rtol=1e-12, atol=1e-12))
+    return bool(
+        np.allclose(model.B_float(), honest_one.B_float(), rtol=1e-12, atol=1e-12)
+    )

@@ -26,13 +26,18 @@ def clean(seed: int = 0, noise: float = 1e-4, count: int = COUNT) -> Recording:
     q, qd, qdd = (np.zeros((count, 2)) for _ in range(3))
     for column in range(2):
         for _ in range(4):
-            size, omega, phase = random.uniform(0.2, 0.6), random.uniform(1, 9), random.uniform(0, 6)
+            size, omega, phase = (
+                random.uniform(0.2, 0.6),
+                random.uniform(1, 9),
+                random.uniform(0, 6),
+            )
             q[:, column] += size * np.sin(omega * time + phase)
             qd[:, column] += size * omega * np.cos(omega * time + phase)
             qdd[:, column] -= size * omega**2 * np.sin(omega * time + phase)
     y = 2 * qdd + 0.5 * np.tanh(50 * qd) + 9 * np.sin(q)
     shaken = {
-        name: v + noise * random.normal(size=v.shape) for name, v in {"q": q, "qd": qd, "qdd": qdd, "y": y}.items()
+        name: v + noise * random.normal(size=v.shape)
+        for name, v in {"q": q, "qd": qd, "qdd": qdd, "y": y}.items()
     }
     return Recording("run", time, shaken)
 
@@ -44,6 +49,8 @@ def changed(recording: Recording, signal: str, values: Floats) -> Recording:
 def one(findings: tuple[Finding, ...], kind: str) -> Finding:
     found = [finding for finding in findings if finding.kind == kind]
     assert len(found) == 1, [str(finding) for finding in findings]
-    others = [finding for finding in findings if finding.kind not in (kind, "smooth")]  # as made-up positions are
+    others = [
+        finding for finding in findings if finding.kind not in (kind, "smooth")
+    ]  # as made-up positions are
     assert not others, [str(finding) for finding in findings]
     return found[0]

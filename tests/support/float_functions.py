@@ -23,6 +23,8 @@ def evaluate(
 
     The symbols are the mechanism's own unless they are given.
     """
-    symbols = [a for a in function.arguments if a.name == "symbols" and a.name not in values]
+    symbols = [
+        a for a in function.arguments if a.name == "symbols" and a.name not in values
+    ]
     own = {a.name: list(symbol_values(mechanism, a.labels).values()) for a in symbols}
     return by_numpy(function, {**values, **own}, arithmetic)

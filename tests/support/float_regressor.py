@@ -13,7 +13,9 @@ from echelon.regressor.linear_forms import inverse_dynamics_regressor
 FloatArray = npt.NDArray[np.float64]
 
 
-def float_regressor(mechanism: Mechanism, q: npt.ArrayLike, qd: npt.ArrayLike, qdd: npt.ArrayLike) -> FloatArray:
+def float_regressor(
+    mechanism: Mechanism, q: npt.ArrayLike, qd: npt.ArrayLike, qdd: npt.ArrayLike
+) -> FloatArray:
     """X at N states as an array of shape (N, m, n): outputs ``mechanism.velocities``, columns ``mechanism.parameters``.
 
     The columns of ``q`` are ``mechanism.positions`` (quaternions as w, x, y, z), those of ``qd`` and ``qdd``
@@ -24,16 +26,24 @@ def float_regressor(mechanism: Mechanism, q: npt.ArrayLike, qd: npt.ArrayLike, q
 
 def standard_vector(mechanism: Mechanism) -> FloatArray:
     """ζ as the file states it, zero where it is silent."""
-    return np.array([0.0 if value is None else value for value in mechanism.standard_values()])
+    return np.array(
+        [0.0 if value is None else value for value in mechanism.standard_values()]
+    )
 
 
-def random_states(mechanism: Mechanism, samples: int, seed: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
+def random_states(
+    mechanism: Mechanism, samples: int, seed: int = 1
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Random q, q̇, q̈ of N samples, with unit quaternions, seeded."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-2.0, 2.0, (samples, len(mechanism.positions)))
     for motion in mechanism.motions:
         if motion.kind is MotionKind.BALL:
             first = mechanism.positions.index(motion.positions[0])
-            q[:, first : first + 4] /= np.linalg.norm(q[:, first : first + 4], axis=1, keepdims=True)
-    qd, qdd = (rng.uniform(-2.0, 2.0, (samples, len(mechanism.velocities))) for _ in range(2))
+            q[:, first : first + 4] /= np.linalg.norm(
+                q[:, first : first + 4], axis=1, keepdims=True
+            )
+    qd, qdd = (
+        rng.uniform(-2.0, 2.0, (samples, len(mechanism.velocities))) for _ in range(2)
+    )
     return q, qd, qdd

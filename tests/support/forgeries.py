@@ -33,20 +33,30 @@ def _prime_aware(data: Document, rng: random.Random) -> None:
     rows = [dict(row) for row in model.matrix.rows]
     i = rng.choice([k for k, row in enumerate(rows) if len(row) > 1])
     column = rng.choice([c for c in rows[i] if c != model.matrix.pivots[i]])
-    primes = [*model.certificate.identity_primes, *verify(model).identity_primes, model.certificate.minor_prime]
+    primes = [
+        *model.certificate.identity_primes,
+        *verify(model).identity_primes,
+        model.certificate.minor_prime,
+    ]
     size = 10 ** (sum(len(str(p)) for p in primes) + rng.randrange(30))
-    rows[i][column] = rows[i][column] + RationalFunction(Fraction(prod(primes) * rng.randrange(1, 10), size))
+    rows[i][column] = rows[i][column] + RationalFunction(
+        Fraction(prod(primes) * rng.randrange(1, 10), size)
+    )
     data.update(to_dict(replace(model, matrix=replace(model.matrix, rows=tuple(rows)))))
 
 
 def _scale(data: Document, rng: random.Random) -> None:
     term = _term(data, rng)
-    term["coefficient"] = f"({term['coefficient']})*{rng.choice(['-1', '2', '1/3', '1.000000000000000001'])}"
+    term["coefficient"] = (
+        f"({term['coefficient']})*{rng.choice(['-1', '2', '1/3', '1.000000000000000001'])}"
+    )
 
 
 def _swap_columns(data: Document, rng: random.Random) -> None:
     """Two parameters change places in the rows."""
-    a, b = rng.sample(sorted({t["parameter"] for row in data["base"] for t in row["terms"]}), 2)
+    a, b = rng.sample(
+        sorted({t["parameter"] for row in data["base"] for t in row["terms"]}), 2
+    )
     change = {a: b, b: a}
     for row in data["base"]:
         row["name"] = change.get(row["name"], row["name"])
@@ -62,22 +72,33 @@ def _drop_row(data: Document, rng: random.Random) -> None:
     seen = {t["parameter"]: len(row["terms"]) for row in rows for t in row["terms"]}
     classes: dict[str, list[str]] = {}
     for name in data["parameters"]:
-        kind = {0: "unidentifiable", 1: "identifiable alone"}.get(seen.get(name, 0), "identifiable in combination")
+        kind = {0: "unidentifiable", 1: "identifiable alone"}.get(
+            seen.get(name, 0), "identifiable in combination"
+        )
         classes.setdefault(kind, []).append(name)
     data["classification"] = classes
 
 
 def _add_row(data: Document, rng: random.Random) -> None:
     """A parameter without a row of its own gets one."""
-    name = rng.choice(sorted({*data["parameters"]} - {row["name"] for row in data["base"]}))
-    row = {"name": name, "unit": "kg", "expression": name, "terms": [{"parameter": name, "coefficient": "1"}]}
+    name = rng.choice(
+        sorted({*data["parameters"]} - {row["name"] for row in data["base"]})
+    )
+    row = {
+        "name": name,
+        "unit": "kg",
+        "expression": name,
+        "terms": [{"parameter": name, "coefficient": "1"}],
+    }
     data["base"].insert(rng.randrange(len(data["base"]) + 1), row)
     data["rank"] = data["certificate"]["rank"] = len(data["base"])
 
 
 def _pivot(data: Document, rng: random.Random) -> None:
     row = _row(data, rng)
-    row["name"] = rng.choice([t["parameter"] for t in row["terms"] if t["parameter"] != row["name"]])
+    row["name"] = rng.choice(
+        [t["parameter"] for t in row["terms"] if t["parameter"] != row["name"]]
+    )
 
 
 def _order(data: Document, rng: random.Random) -> None:
@@ -89,14 +110,18 @@ def _order(data: Document, rng: random.Random) -> None:
 
 def _expression(data: Document, rng: random.Random) -> None:
     row = rng.choice(data["base"])
-    row["expression"] += rng.choice([" + 7·", " − ", " + 2²·"]) + rng.choice(data["parameters"])
+    row["expression"] += rng.choice([" + 7·", " − ", " + 2²·"]) + rng.choice(
+        data["parameters"]
+    )
     data["echelon"] = rng.choice(["0.0.9", data["echelon"], "99"])
 
 
 def _expression_hidden(data: Document, rng: random.Random) -> None:
     """What a sloppy reader would skip."""
     row = rng.choice(data["base"])
-    row["expression"] += rng.choice([" # + 7·M1", "\n", "; 1", " + M1 if 0 else 0", " + 0x1", "·1_0", " + ０"])
+    row["expression"] += rng.choice(
+        [" # + 7·M1", "\n", "; 1", " + M1 if 0 else 0", " + 0x1", "·1_0", " + ０"]
+    )
     data["echelon"] = "0.0.9"
 
 
@@ -107,21 +132,35 @@ def _value(data: Document, rng: random.Random) -> None:
 
 def _value_nearly(data: Document, rng: random.Random) -> None:
     """A number that looks right."""
-    term = rng.choice([t for row in data["base"] for t in row["terms"] if t["value"] is not None])
+    term = rng.choice(
+        [t for row in data["base"] for t in row["terms"] if t["value"] is not None]
+    )
     term["value"] *= 1 + 1e-6
 
 
 def _symbol(data: Document, rng: random.Random) -> None:
     """Another value of a symbol that coefficients hold."""
     shown = " ".join(t["coefficient"] for row in data["base"] for t in row["terms"])
-    used = [s for s, v in data["model"].get("symbols", {}).items() if isinstance(v, str) and s in shown]
+    used = [
+        s
+        for s, v in data["model"].get("symbols", {}).items()
+        if isinstance(v, str) and s in shown
+    ]
     data["model"]["symbols"][rng.choice(used)] = rng.choice(["0.7071", "12", "1/3"])
 
 
 def _mask(data: Document, rng: random.Random) -> None:
     body = rng.choice(data["model"]["bodies"])
     body.pop("parameters", None)
-    body.update(rng.choice([{"massless": True}, {"parameters": ["ZZ", "M"]}, {"parameters": ["M", "MX"]}]))
+    body.update(
+        rng.choice(
+            [
+                {"massless": True},
+                {"parameters": ["ZZ", "M"]},
+                {"parameters": ["M", "MX"]},
+            ]
+        )
+    )
 
 
 def _unit(data: Document, rng: random.Random) -> None:
@@ -131,8 +170,20 @@ def _unit(data: Document, rng: random.Random) -> None:
 def _class(data: Document, rng: random.Random) -> None:
     kinds = sorted(data["classification"])
     one = rng.choice(kinds)
-    moved = data["classification"][one].pop(rng.randrange(len(data["classification"][one])))
-    other = rng.choice([k for k in ("unidentifiable", "identifiable alone", "identifiable in combination") if k != one])
+    moved = data["classification"][one].pop(
+        rng.randrange(len(data["classification"][one]))
+    )
+    other = rng.choice(
+        [
+            k
+            for k in (
+                "unidentifiable",
+                "identifiable alone",
+                "identifiable in combination",
+            )
+            if k != one
+        ]
+    )
     data["classification"].setdefault(other, []).append(moved)
 
 
@@ -142,7 +193,13 @@ def _count(data: Document, rng: random.Random) -> None:
 
 def _list(data: Document, rng: random.Random) -> None:
     key = rng.choice(["outputs", "parameters", "order"])
-    rng.choice([data[key].pop, lambda: data[key].append(data[key][0]), lambda: data[key].append("nobody")])()
+    rng.choice(
+        [
+            data[key].pop,
+            lambda: data[key].append(data[key][0]),
+            lambda: data[key].append("nobody"),
+        ]
+    )()
 
 
 def _rename(data: Document, rng: random.Random) -> None:
@@ -166,59 +223,110 @@ def _shape(data: Document, rng: random.Random) -> None:
         if isinstance(here[key], dict | list) and here[key] and rng.random() < 0.8:
             here = here[key]
             continue
-        here[key] = rng.choice([[], {}, None, "x", -3, 1e308, True, "9" * 5000, "(" * 400, {"a": [[]]}])
+        here[key] = rng.choice(
+            [[], {}, None, "x", -3, 1e308, True, "9" * 5000, "(" * 400, {"a": [[]]}]
+        )
         return
 
 
 def _missing(data: Document, rng: random.Random) -> None:
-    del data[rng.choice(["base", "model", "order", "rank", "certificate", "classification", "parameters", "outputs"])]
+    del data[
+        rng.choice(
+            [
+                "base",
+                "model",
+                "order",
+                "rank",
+                "certificate",
+                "classification",
+                "parameters",
+                "outputs",
+            ]
+        )
+    ]
 
 
 def _zero(data: Document, rng: random.Random) -> None:
     """A term of zero, or one divided by zero."""
     row = rng.choice(data["base"])
-    row["terms"].append({"parameter": rng.choice(data["parameters"]), "coefficient": rng.choice(["0", "1 - 1"])})
+    row["terms"].append(
+        {
+            "parameter": rng.choice(data["parameters"]),
+            "coefficient": rng.choice(["0", "1 - 1"]),
+        }
+    )
     if rng.random() < 0.5:
-        row["terms"][-1] |= {"coefficient": "1", "denominator": rng.choice(["0", "2 - 2"])}
+        row["terms"][-1] |= {
+            "coefficient": "1",
+            "denominator": rng.choice(["0", "2 - 2"]),
+        }
 
 
 def _frame(data: Document, rng: random.Random) -> None:
     """A rotation that is none."""
     body = rng.choice(data["model"]["bodies"])
     turned = rng.choice(
-        [[["1", "0", "0"], ["0", "1", "0"], ["0", "0", "-1"]], [["2", "0", "0"]] + [["0", "1", "0"]] * 2]
+        [
+            [["1", "0", "0"], ["0", "1", "0"], ["0", "0", "-1"]],
+            [["2", "0", "0"]] + [["0", "1", "0"]] * 2,
+        ]
     )
     body["joint"]["steps"].insert(0, {"rotation": turned})
 
 
 def _joint(data: Document, rng: random.Random) -> None:
     """Another robot."""
-    steps = [s for body in data["model"]["bodies"] for s in body["joint"]["steps"] if s.get("motion") != "ball"]
+    steps = [
+        s
+        for body in data["model"]["bodies"]
+        for s in body["joint"]["steps"]
+        if s.get("motion") != "ball"
+    ]
     moving = rng.choice([s for s in steps if "motion" in s])
-    change = {"axis": rng.choice(["x", "y", "z"])} if rng.random() < 0.5 else {"motion": "translation"}
+    change = (
+        {"axis": rng.choice(["x", "y", "z"])}
+        if rng.random() < 0.5
+        else {"motion": "translation"}
+    )
     moving.update(change)
 
 
 def _shift(data: Document, rng: random.Random) -> None:
     """A body elsewhere."""
-    rng.choice(data["model"]["bodies"])["joint"]["steps"].insert(0, {"xyz": ["0.125", "0.0625", "1.5"]})
+    rng.choice(data["model"]["bodies"])["joint"]["steps"].insert(
+        0, {"xyz": ["0.125", "0.0625", "1.5"]}
+    )
 
 
 def _gravity(data: Document, rng: random.Random) -> None:
-    data["model"]["gravity"] = rng.choice(["none", "generic", ["1.0", "2.0", "3.0"], ["0.0", "0.0", "0.0"]])
+    data["model"]["gravity"] = rng.choice(
+        ["none", "generic", ["1.0", "2.0", "3.0"], ["0.0", "0.0", "0.0"]]
+    )
 
 
 def _setup(data: Document, rng: random.Random) -> None:
     """Other effects, couplings, drives or outputs, where there are any; else another parent."""
     model = data["model"]
-    found: list[Callable[[], object]] = [lambda: model["bodies"][-1].pop("parent", None)]
+    found: list[Callable[[], object]] = [
+        lambda: model["bodies"][-1].pop("parent", None)
+    ]
     if "effects" in model:
         act = rng.choice(model["effects"])["acts"][0]
-        found += [lambda: act.update(term="qdd"), lambda: act.update(side="joint"), lambda: model["effects"].pop()]
+        found += [
+            lambda: act.update(term="qdd"),
+            lambda: act.update(side="joint"),
+            lambda: model["effects"].pop(),
+        ]
     if "couplings" in model:
-        found.append(lambda: next(iter(model["couplings"][0].values()))["terms"].update(left="3.0"))
+        found.append(
+            lambda: next(iter(model["couplings"][0].values()))["terms"].update(
+                left="3.0"
+            )
+        )
     if "actuators" in model:
-        found.append(lambda: next(iter(model["actuators"].values()))["terms"].update(j1="1.0"))
+        found.append(
+            lambda: next(iter(model["actuators"].values()))["terms"].update(j1="1.0")
+        )
     if "outputs" in model:
         found.append(lambda: model["outputs"].pop())
     rng.choice(found)()
@@ -229,12 +337,18 @@ def _special(data: Document, rng: random.Random) -> None:
     change = rng.choice([-1, 1, 3])
     ranks = ("rank", "generic_rank")[:: -1 if data["generic"] else 1]
     own, other = data["rank"] + change, data["rank"] + rng.choice([0, change])
-    data["special"] = {**dict(zip(ranks, (own, other), strict=True)), "relations": ["a = 0"]}
+    data["special"] = {
+        **dict(zip(ranks, (own, other), strict=True)),
+        "relations": ["a = 0"],
+    }
 
 
 def _generic(data: Document, rng: random.Random) -> None:
     """For general values instead of the stated ones, or the other way round; perhaps nothing about special ones."""
-    data["generic"], data["special"] = not data["generic"], rng.choice([None, data["special"]])
+    data["generic"], data["special"] = (
+        not data["generic"],
+        rng.choice([None, data["special"]]),
+    )
 
 
 LOOK_ALIKES = ("2 + M1", "1·M2", "1-M2", "1\u200b", "\u202e1", "１", "\u0430", "\u0391")
@@ -278,13 +392,17 @@ CERTIFICATE: dict[str, Any] = {
 def _certificate(data: Document, rng: random.Random) -> None:
     """Evidence that was not found."""
     key = rng.choice(sorted(CERTIFICATE))
-    data["certificate"][key] = rng.choice([v for v in CERTIFICATE[key] if v != data["certificate"][key]])
+    data["certificate"][key] = rng.choice(
+        [v for v in CERTIFICATE[key] if v != data["certificate"][key]]
+    )
 
 
 FORGERIES: dict[str, Forgery] = {
     name.removeprefix("_"): forge
     for name, forge in list(globals().items())
-    if name.startswith("_") and not name.startswith("__") and name not in ("_row", "_term")
+    if name.startswith("_")
+    and not name.startswith("__")
+    and name not in ("_row", "_term")
 }
 """Every kind by name."""
 

@@ -8,7 +8,16 @@ from functools import cache
 
 from echelon.exact.expressions import parse
 from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import GROUND, Body, Placement, ball, rotation, screw, shift, translation
+from echelon.mechanism.joint import (
+    GROUND,
+    Body,
+    Placement,
+    ball,
+    rotation,
+    screw,
+    shift,
+    translation,
+)
 from echelon.mechanism.mechanism import Mechanism
 from support import textbook_arms as arms
 
@@ -27,28 +36,54 @@ def at_zero(bodies: Sequence[Body], index: int) -> Placement:
     return pose
 
 
-def closing(bodies: Sequence[Body], kind: ClosureKind, first: int, second: int, frame: Placement) -> Closure:
+def closing(
+    bodies: Sequence[Body], kind: ClosureKind, first: int, second: int, frame: Placement
+) -> Closure:
     """A closure that is closed while all coordinates are zero."""
     other = at_zero(bodies, second).inverse() @ at_zero(bodies, first) @ frame
     return Closure(f"{kind.value} loop", kind, first, second, frame, other)
 
 
 @cache
-def closed_chain(kind: ClosureKind, branched: bool = False, coupled: bool = False) -> Mechanism:
+def closed_chain(
+    kind: ClosureKind, branched: bool = False, coupled: bool = False
+) -> Mechanism:
     """A chain of seven freedoms whose end is closed against the ground, or against another body on its first one."""
     bodies = [
         arms.body(1, 0, "revolute", arms.place("0 b 0", "pi/6 0 0"), rotation("q1")),
-        arms.body(2, 1, "prismatic", arms.place("a 0 c", "0 pi/4 0"), translation("q2", 0, -1)),
+        arms.body(
+            2, 1, "prismatic", arms.place("a 0 c", "0 pi/4 0"), translation("q2", 0, -1)
+        ),
         arms.body(3, 2, "spherical", arms.place("a b 0", "0 0 pi/3"), ball("q3")),
-        arms.body(4, 3, "revolute", arms.place("c a -b", "pi/4 pi/6 0"), rotation("q4", 1, -1)),
-        arms.body(5, 4, "helical", arms.place("a 0 c", "0 -pi/3 pi/4"), screw("q5", parse("h"), 0)),
+        arms.body(
+            4, 3, "revolute", arms.place("c a -b", "pi/4 pi/6 0"), rotation("q4", 1, -1)
+        ),
+        arms.body(
+            5,
+            4,
+            "helical",
+            arms.place("a 0 c", "0 -pi/3 pi/4"),
+            screw("q5", parse("h"), 0),
+        ),
     ]
     if branched:
-        bodies.append(arms.body(6, 1, "revolute", arms.place("0 a c", "0 pi/4 pi/3"), rotation("q6")))
-    closure = closing(bodies, kind, 4, 5 if branched else GROUND, arms.place("c b a", "pi/6 pi/3 pi/4"))
+        bodies.append(
+            arms.body(
+                6, 1, "revolute", arms.place("0 a c", "0 pi/4 pi/3"), rotation("q6")
+            )
+        )
+    closure = closing(
+        bodies,
+        kind,
+        4,
+        5 if branched else GROUND,
+        arms.place("c b a", "pi/6 pi/3 pi/4"),
+    )
     couplings = {"q2": {"q1": "1/2"}} if coupled else {}
     name = " ".join((kind.value, *["branched"] * branched, *["coupled"] * coupled))
-    tree = arms.tree(name, *bodies, gravity="1 -2 -g", values=LENGTHS, couplings=couplings)
+    tree = arms.tree(
+        name, *bodies, gravity="1 -2 -g", values=LENGTHS, couplings=couplings
+    )
     freedoms = len(tree.velocities) - 6 + kind.freedoms
     return replace(tree, closures=(closure,), independent=tree.velocities[:freedoms])
 
@@ -84,9 +119,15 @@ def slider_crank() -> Mechanism:
         arms.body(2, 1, "revolute", shift(parse("r"), 0, 0), rotation("rod")),
         arms.body(3, 0, "prismatic", translation("piston", 0)),
     )
-    pin = Closure("pin", ClosureKind.REVOLUTE, 1, 2, shift(parse("l"), 0, 0), Placement())
-    tree = arms.tree("slider-crank", *bodies, gravity=None, values={"r": "0.2", "l": "0.5"})
-    return replace(tree, closures=(pin,), independent=("crank",), assembly={"piston": 0.7})
+    pin = Closure(
+        "pin", ClosureKind.REVOLUTE, 1, 2, shift(parse("l"), 0, 0), Placement()
+    )
+    tree = arms.tree(
+        "slider-crank", *bodies, gravity=None, values={"r": "0.2", "l": "0.5"}
+    )
+    return replace(
+        tree, closures=(pin,), independent=("crank",), assembly={"piston": 0.7}
+    )
 
 
 def rssr() -> Mechanism:

@@ -17,7 +17,9 @@ def text(directory: Path, content: str | bytes, name: str = "run.csv") -> Path:
     return path
 
 
-def joined(log: LogFile, names: list[str] | None = None, rows: int = 1 << 17) -> dict[str, npt.NDArray[np.float64]]:
+def joined(
+    log: LogFile, names: list[str] | None = None, rows: int = 1 << 17
+) -> dict[str, npt.NDArray[np.float64]]:
     """All pieces of a log, after checking that each is as long as it may be and begins where the last one ended."""
     pieces = list(log.tables(names, rows))
     first = 0
@@ -28,10 +30,15 @@ def joined(log: LogFile, names: list[str] | None = None, rows: int = 1 << 17) ->
         (length,) = lengths
         assert 0 < length <= rows
         first += length
-    return {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in pieces[0].columns}
+    return {
+        name: np.concatenate([piece.columns[name] for piece in pieces])
+        for name in pieces[0].columns
+    }
 
 
-def same(found: Mapping[str, npt.ArrayLike], expected: Mapping[str, npt.ArrayLike]) -> None:
+def same(
+    found: Mapping[str, npt.ArrayLike], expected: Mapping[str, npt.ArrayLike]
+) -> None:
     assert list(found) == list(expected)
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)

@@ -17,15 +17,24 @@ def position(mechanism: Mechanism, q: dict[str, float]) -> dict[str, float]:
     for motion in mechanism.motions:
         if len(motion.positions) > 1:
             quaternion = np.array([full[name] for name in motion.positions])
-            quaternion = quaternion / np.linalg.norm(quaternion) if quaternion.any() else np.eye(4)[0]
+            quaternion = (
+                quaternion / np.linalg.norm(quaternion)
+                if quaternion.any()
+                else np.eye(4)[0]
+            )
             full |= dict(zip(motion.positions, quaternion, strict=True))
     return full
 
 
 def matrix(mechanism: Mechanism, placement: Placement) -> Array:
-    known = {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
+    known = {
+        name: s.value for name, s in mechanism.symbols.items() if s.value is not None
+    }
     pose = np.eye(4)
-    entries = [e.evaluate(float_generators(e.generators(), known), float) for e in placement.entries()]
+    entries = [
+        e.evaluate(float_generators(e.generators(), known), float)
+        for e in placement.entries()
+    ]
     pose[:3, :3], pose[:3, 3] = np.reshape(entries[:9], (3, 3)), entries[9:]
     return pose
 
@@ -33,15 +42,21 @@ def matrix(mechanism: Mechanism, placement: Placement) -> Array:
 def world_pose(mechanism: Mechanism, body: int, q: dict[str, float]) -> Array:
     if body == GROUND:
         return np.eye(4)
-    return world_pose(mechanism, mechanism.bodies[body].parent, q) @ pose_of(mechanism, body, q)
+    return world_pose(mechanism, mechanism.bodies[body].parent, q) @ pose_of(
+        mechanism, body, q
+    )
 
 
-def frames(mechanism: Mechanism, number: int, q: dict[str, float]) -> tuple[Array, Array]:
+def frames(
+    mechanism: Mechanism, number: int, q: dict[str, float]
+) -> tuple[Array, Array]:
     """Both frames of a closure in the world."""
     closure, full = mechanism.closures[number], position(mechanism, q)
     return (
-        world_pose(mechanism, closure.first, full) @ matrix(mechanism, closure.first_frame),
-        world_pose(mechanism, closure.second, full) @ matrix(mechanism, closure.second_frame),
+        world_pose(mechanism, closure.first, full)
+        @ matrix(mechanism, closure.first_frame),
+        world_pose(mechanism, closure.second, full)
+        @ matrix(mechanism, closure.second_frame),
     )
 
 

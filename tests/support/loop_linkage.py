@@ -49,7 +49,9 @@ def twist(turn: Sequence[object], shift: Sequence[object]) -> arb_mat:
     """The 4 x 4 matrix of an angular velocity and the velocity of the origin."""
     x, y, z = turn
     rows = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-    return matrix([*([*row, end] for row, end in zip(rows, shift, strict=True)), [0, 0, 0, 0]])
+    return matrix(
+        [*([*row, end] for row, end in zip(rows, shift, strict=True)), [0, 0, 0, 0]]
+    )
 
 
 def turning(axis: Sequence[arb], point: Sequence[object] = (0, 0, 0)) -> arb_mat:
@@ -70,7 +72,12 @@ def moved(by: arb_mat, amount: arb) -> arb_mat:
     square = by * by
     if all(float(abs(entry)) < 1e-30 for entry in square.entries()):
         return ONE + by * amount
-    return ONE + by * amount + square * (1 - amount.cos()) + square * by * (amount - amount.sin())
+    return (
+        ONE
+        + by * amount
+        + square * (1 - amount.cos())
+        + square * by * (amount - amount.sin())
+    )
 
 
 @dataclass(frozen=True)
@@ -112,7 +119,11 @@ def function(coefficients: object, x: arb) -> tuple[arb, arb, arb]:
     terms = [(number(c), k) for k, c in enumerate(several, start=1)]
     value = sum((c * x**k for c, k in terms), arb(0))
     slope = sum((c * k * x ** (k - 1) for c, k in terms), arb(0))
-    return value, slope, sum((c * k * (k - 1) * x ** (k - 2) for c, k in terms[1:]), arb(0))
+    return (
+        value,
+        slope,
+        sum((c * k * (k - 1) * x ** (k - 2) for c, k in terms[1:]), arb(0)),
+    )
 
 
 @dataclass(frozen=True)
@@ -151,16 +162,28 @@ class Linkage:
             poses.append(pose)
             rates.append(rate)
             biases.append(bias)
-        return State(q, qd, [*poses[1:], ONE], axes, [*rates[1:], NOTHING], [*biases[1:], NOTHING])
+        return State(
+            q,
+            qd,
+            [*poses[1:], ONE],
+            axes,
+            [*rates[1:], NOTHING],
+            [*biases[1:], NOTHING],
+        )
 
     def residual(self, q: Sequence[arb]) -> list[arb]:
         at = self.state(q, [arb(0)] * len(q))
         missed: list[arb] = []
         for loop in self.loops:
-            pose = (at.poses[loop.first] * loop.at).inv() * at.poses[loop.second] * loop.on
+            pose = (
+                (at.poses[loop.first] * loop.at).inv() * at.poses[loop.second] * loop.on
+            )
             missed += [(pose - ONE)[entry] for entry in KINDS[loop.kind]]
         for tie in self.ties:
-            ends = ((function(c, q[j])[0], function(c, number(self.start[j]))[0]) for j, c in tie.items())
+            ends = (
+                (function(c, q[j])[0], function(c, number(self.start[j]))[0])
+                for j, c in tie.items()
+            )
             missed.append(sum((here - there for here, there in ends), arb(0)))
         return missed
 
@@ -170,23 +193,39 @@ class Linkage:
             column: list[arb] = []
             for loop in self.loops:
                 sign = (j in self.chains[loop.second]) - (j in self.chains[loop.first])
-                first, second = at.poses[loop.first] * loop.at, at.poses[loop.second] * loop.on
+                first, second = (
+                    at.poses[loop.first] * loop.at,
+                    at.poses[loop.second] * loop.on,
+                )
                 change = first.inv() * axis * second * sign if sign else NOTHING
                 column += [change[entry] for entry in KINDS[loop.kind]]
-            columns.append(column + [function(tie.get(j, 0), at.q[j])[1] for tie in self.ties])
+            columns.append(
+                column + [function(tie.get(j, 0), at.q[j])[1] for tie in self.ties]
+            )
         return arb_mat(columns).transpose()
 
     def bias(self, at: State) -> list[arb]:
         """The second rate of the closure equations while the coordinates' accelerations are zero."""
         found: list[arb] = []
         for loop in self.loops:
-            first, second = at.poses[loop.first] * loop.at, at.poses[loop.second] * loop.on
+            first, second = (
+                at.poses[loop.first] * loop.at,
+                at.poses[loop.second] * loop.on,
+            )
             slow, fast = at.rates[loop.first], at.rates[loop.second]
             apart = fast - slow
-            rate = at.biases[loop.second] - at.biases[loop.first] + apart * fast - slow * apart
+            rate = (
+                at.biases[loop.second]
+                - at.biases[loop.first]
+                + apart * fast
+                - slow * apart
+            )
             change = first.inv() * rate * second
             found += [change[entry] for entry in KINDS[loop.kind]]
-        bends = [[function(c, at.q[j])[2] * at.qd[j] ** 2 for j, c in tie.items()] for tie in self.ties]
+        bends = [
+            [function(c, at.q[j])[2] * at.qd[j] ** 2 for j, c in tie.items()]
+            for tie in self.ties
+        ]
         return found + [sum(terms, arb(0)) for terms in bends]
 
     def closed(self, guess: Sequence[arb], constraints: int | None = None) -> list[arb]:
@@ -202,13 +241,17 @@ class Linkage:
             if scale < CLOSED:
                 return q
             left, sizes, right = np.linalg.svd(
-                doubles(self.jacobian(self.state(q, [arb(0)] * len(q)))), full_matrices=False
+                doubles(self.jacobian(self.state(q, [arb(0)] * len(q)))),
+                full_matrices=False,
             )
             count = constraints or int(np.sum(sizes > 1e-7 * sizes[0]))
             error = np.array([float((value / scale).mid()) for value in missed])
             step = right[:count].T @ ((left[:, :count].T @ error) / sizes[:count])
             length = max(np.abs(step).max() * scale / 0.3, 1.0)
-            q = [(a - number(float(b)) * number(scale / length)).mid() for a, b in zip(q, step, strict=True)]
+            q = [
+                (a - number(float(b)) * number(scale / length)).mid()
+                for a, b in zip(q, step, strict=True)
+            ]
         raise ArithmeticError(f"no closed pose here: closures miss by {scale:.1e}")
 
 

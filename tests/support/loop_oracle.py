@@ -24,7 +24,9 @@ FAINT = 1e-8
 
 def part(values: arb_mat, rows: Sequence[int], columns: Sequence[int]) -> arb_mat:
     width, entries = values.ncols(), values.entries()
-    return arb_mat(len(rows), len(columns), [entries[i * width + j] for i in rows for j in columns])
+    return arb_mat(
+        len(rows), len(columns), [entries[i * width + j] for i in rows for j in columns]
+    )
 
 
 def leading(values: np.ndarray) -> tuple[list[int], list[int], list[float]]:
@@ -65,7 +67,9 @@ def pivots(values: arb_mat, least: float = 1e-45) -> Pivots:
     free_rows, free_columns = list(range(values.nrows())), list(range(values.ncols()))
     rows, columns, sizes = [], [], []
     while True:
-        largest = max((float(abs(entry).mid()) for entry in values.entries()), default=0.0)
+        largest = max(
+            (float(abs(entry).mid()) for entry in values.entries()), default=0.0
+        )
         if largest <= least * max(sizes, default=1.0):
             return Pivots(rows, columns, sizes, max(largest, 1e-70))
         near = leading(doubles(values * (1 / number(largest))))
@@ -79,9 +83,14 @@ def pivots(values: arb_mat, least: float = 1e-45) -> Pivots:
         )
         if not all(others):
             return Pivots(rows, columns, sizes, 1e-70)
-        change = part(values, others[0], j) * part(values, i, j).solve(part(values, i, others[1]))
+        change = part(values, others[0], j) * part(values, i, j).solve(
+            part(values, i, others[1])
+        )
         values = (part(values, *others) - change).mid()
-        free_rows, free_columns = [free_rows[k] for k in others[0]], [free_columns[k] for k in others[1]]
+        free_rows, free_columns = (
+            [free_rows[k] for k in others[0]],
+            [free_columns[k] for k in others[1]],
+        )
 
 
 @dataclass(frozen=True)
@@ -106,7 +115,9 @@ def settled(found: Pivots, what: str) -> int:
     return len(found.sizes)
 
 
-def virtual_powers(linkage: Linkage, q: list[arb], rng: np.random.Generator) -> list[list[arb]]:
+def virtual_powers(
+    linkage: Linkage, q: list[arb], rng: np.random.Generator
+) -> list[list[arb]]:
     """The rows of the regressor on the independent motions, at random velocities and accelerations of a closed pose."""
     still = linkage.state(q, [arb(0)] * len(q))
     slopes = linkage.jacobian(still)
@@ -114,14 +125,20 @@ def virtual_powers(linkage: Linkage, q: list[arb], rng: np.random.Generator) -> 
     settled(found, "freedom")
     free = [j for j in range(len(q)) if j not in set(found.columns)]
     square = part(slopes, found.rows, found.columns)
-    follow = square.solve(part(slopes, found.rows, free) * -1).mid() if found.rows else arb_mat(0, len(free), [])
+    follow = (
+        square.solve(part(slopes, found.rows, free) * -1).mid()
+        if found.rows
+        else arb_mat(0, len(free), [])
+    )
 
     def whole(independent: list[arb], offset: list[arb]) -> list[arb]:
         values = [arb(0)] * len(q)
         for j, value in zip(free, independent, strict=True):
             values[j] = value
         for i, j in enumerate(found.columns):
-            values[j] = sum((follow[i, k] * value for k, value in enumerate(independent)), offset[i]).mid()
+            values[j] = sum(
+                (follow[i, k] * value for k, value in enumerate(independent)), offset[i]
+            ).mid()
         return values
 
     def drawn() -> list[arb]:
@@ -136,15 +153,25 @@ def virtual_powers(linkage: Linkage, q: list[arb], rng: np.random.Generator) -> 
     for rate, extra in ((qd, [arb(0)] * len(bias)), (qdd, bias)):
         if (
             bias
-            and max(float(abs(v)) for v in (slopes * arb_mat(len(q), 1, rate) + arb_mat(len(bias), 1, extra)).entries())
+            and max(
+                float(abs(v))
+                for v in (
+                    slopes * arb_mat(len(q), 1, rate) + arb_mat(len(bias), 1, extra)
+                ).entries()
+            )
             > 1e-40
         ):
             raise UnsettledError("the closures that were left out do not stay closed")
-    motions = [whole([arb(int(k == d)) for k in range(len(free))], zero) for d in range(len(free))]
+    motions = [
+        whole([arb(int(k == d)) for k in range(len(free))], zero)
+        for d in range(len(free))
+    ]
     return regressor(linkage, at, qdd, motions)
 
 
-def regressor(linkage: Linkage, at: State, qdd: list[arb], motions: list[list[arb]]) -> list[list[arb]]:
+def regressor(
+    linkage: Linkage, at: State, qdd: list[arb], motions: list[list[arb]]
+) -> list[list[arb]]:
     rows: list[list[arb]] = [[] for _ in motions]
     fall = matrix([*([0, 0, 0, number(g)] for g in linkage.gravity), [0, 0, 0, 0]])
     for b, body in enumerate(linkage.bodies):
@@ -156,22 +183,37 @@ def regressor(linkage: Linkage, at: State, qdd: list[arb], motions: list[list[ar
         for row, motion in zip(rows, motions, strict=True):
             along = sum((at.axes[j] * motion[j] for j in chain), NOTHING)
             power = (along * pose).transpose() * pulled
-            row += [power[i, j] if i == j else power[i, j] + power[j, i] for i in range(4) for j in range(i, 4)]
+            row += [
+                power[i, j] if i == j else power[i, j] + power[j, i]
+                for i in range(4)
+                for j in range(i, 4)
+            ]
     return rows
 
 
-def walk(linkage: Linkage, rng: np.random.Generator, step: float = 0.06) -> Iterator[list[arb]]:
+def walk(
+    linkage: Linkage, rng: np.random.Generator, step: float = 0.06
+) -> Iterator[list[arb]]:
     """Closed poses a few small steps away from the start, which stay in its assembly mode."""
     start = linkage.closed([number(value) for value in linkage.start])
-    constraints = len(pivots(linkage.jacobian(linkage.state(start, [arb(0)] * len(start)))).sizes)
+    constraints = len(
+        pivots(linkage.jacobian(linkage.state(start, [arb(0)] * len(start)))).sizes
+    )
     while True:
         q = start
         for _ in range(4):
             # only along motions that closures allow: what they lock has other closed poses, too
             still = linkage.state(q, [arb(0)] * len(q))
-            free = np.linalg.svd(doubles(linkage.jacobian(still)))[2][constraints:] if linkage.loops else np.eye(len(q))
+            free = (
+                np.linalg.svd(doubles(linkage.jacobian(still)))[2][constraints:]
+                if linkage.loops
+                else np.eye(len(q))
+            )
             moved_on = free.T @ rng.normal(scale=step, size=len(free))
-            q = linkage.closed([a + number(float(d)) for a, d in zip(q, moved_on, strict=True)], constraints)
+            q = linkage.closed(
+                [a + number(float(d)) for a, d in zip(q, moved_on, strict=True)],
+                constraints,
+            )
         yield q
 
 

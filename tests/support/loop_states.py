@@ -15,9 +15,13 @@ def random_parameters(mechanism: Mechanism, seed: int = 7) -> FloatArray:
     return zeta
 
 
-def closed_states(mechanism: Mechanism, count: int = 6) -> tuple[FloatArray, FloatArray, FloatArray]:
+def closed_states(
+    mechanism: Mechanism, count: int = 6
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     return Assembly(mechanism).random_closed_states(np.random.default_rng(5), count)
 
 
 def independent_columns(mechanism: Mechanism) -> list[int]:
-    return [mechanism.velocities.index(name) for name in mechanism.independent_velocities]
+    return [
+        mechanism.velocities.index(name) for name in mechanism.independent_velocities
+    ]

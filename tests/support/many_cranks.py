@@ -29,7 +29,12 @@ assembly: {first: 0.7, second: SECOND, guide: 0.229}
 """
 
 
-NUMBERS = {"{r: 0.3, d: 0.8, l: 0.25}": "{}", "[r, ": "[0.3, ", "[d, ": "[0.8, ", "[l, ": "[0.25, "}
+NUMBERS = {
+    "{r: 0.3, d: 0.8, l: 0.25}": "{}",
+    "[r, ": "[0.3, ",
+    "[d, ": "[0.8, ",
+    "[l, ": "[0.25, ",
+}
 
 
 def read(text: str) -> Mechanism:

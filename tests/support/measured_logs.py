@@ -24,7 +24,11 @@ FILES = (
     "double_pendulum/A0_20220812_061705-PM.parquet",
     "staubli_tx40/tx40_5kHz.parquet",
 )
-_LINES = (ROOT / "tests" / "data" / "measured_logs.sha256").read_text(encoding="utf-8").splitlines()
+_LINES = (
+    (ROOT / "tests" / "data" / "measured_logs.sha256")
+    .read_text(encoding="utf-8")
+    .splitlines()
+)
 DIGESTS = {name: digest for digest, name in map(str.split, _LINES)}
 
 
@@ -36,7 +40,9 @@ def measured(name: str) -> Path:
     if not path.is_file():
         absent(path)
     if _digest(path) != DIGESTS[name]:
-        pytest.fail(f"{path} is another file than the one in tests/data/measured_logs.sha256")
+        pytest.fail(
+            f"{path} is another file than the one in tests/data/measured_logs.sha256"
+        )
     return path
 
 

@@ -50,12 +50,24 @@ def random_tree(rng: np.random.Generator, bodies: int = 6) -> tuple[str, list[st
         return " ".join(f"{v:.3g}" for v in rng.uniform(-spread, spread, count))
 
     def joints(k: int, top: bool) -> str:
-        kinds = ["free"] if top and k and rng.random() < 0.3 else [str(rng.choice(_KINDS))]
-        kinds = [] if k == bodies - 1 else [*kinds, "hinge"] if kinds == ["hinge"] and rng.random() < 0.3 else kinds
+        kinds = (
+            ["free"] if top and k and rng.random() < 0.3 else [str(rng.choice(_KINDS))]
+        )
+        kinds = (
+            []
+            if k == bodies - 1
+            else [*kinds, "hinge"]
+            if kinds == ["hinge"] and rng.random() < 0.3
+            else kinds
+        )
         text = ""
         for i, kind in enumerate(kinds):
             place = "" if kind == "free" else f' pos="{numbers(3, 0.2)}"'
-            axis = f' axis="{numbers(3)}" ref="{numbers(1)}"' if kind in ("hinge", "slide") and k else ""
+            axis = (
+                f' axis="{numbers(3)}" ref="{numbers(1)}"'
+                if kind in ("hinge", "slide") and k
+                else ""
+            )
             text += f'<joint name="j{k}_{i}" type="{kind}"{place}{axis}/>'
             scalar.extend([f"j{k}_{i}"] if kind in ("hinge", "slide") else [])
         return text
@@ -69,7 +81,9 @@ def random_tree(rng: np.random.Generator, bodies: int = 6) -> tuple[str, list[st
     return '<site name="home"/>' + "".join(body(k, True) for k in children[-1]), scalar
 
 
-def random_equalities(rng: np.random.Generator, bodies: int, scalar: list[str], loops: bool) -> tuple[str, str]:
+def random_equalities(
+    rng: np.random.Generator, bodies: int, scalar: list[str], loops: bool
+) -> tuple[str, str]:
     """Tendons, and constraints of all kinds; some twice, some inactive by a class or by themselves.
 
     Where there are no loops, joints follow others by polynomials.
@@ -91,17 +105,27 @@ def random_equalities(rng: np.random.Generator, bodies: int, scalar: list[str], 
         )
     )
     found = found * int(rng.integers(1, 3)) if loops else []
-    found.append(f'<weld class="off" body1="b{one}"/><connect active="false" body1="b{two}" anchor="0 0 0"/>')
+    found.append(
+        f'<weld class="off" body1="b{one}"/><connect active="false" body1="b{two}" anchor="0 0 0"/>'
+    )
     names = [str(name) for name in rng.permutation(scalar)]
     tendons = ""
     if len(names) > 1:
         poly = " ".join(
-            f"{v:.2g}" for v in [rng.uniform(-0.2, 0.2), rng.uniform(0.5, 2), *rng.uniform(-0.3, 0.3, 3) * (not loops)]
+            f"{v:.2g}"
+            for v in [
+                rng.uniform(-0.2, 0.2),
+                rng.uniform(0.5, 2),
+                *rng.uniform(-0.3, 0.3, 3) * (not loops),
+            ]
         )
-        found.append(f'<joint joint1="{names[0]}" joint2="{names[1]}" polycoef="{poly}"/>')
+        found.append(
+            f'<joint joint1="{names[0]}" joint2="{names[1]}" polycoef="{poly}"/>'
+        )
     if len(names) > 4:
         parts = [
-            f'<joint joint="{n}" coef="{c:.2g}"/>' for n, c in zip(names[1:4], rng.uniform(0.5, 2, 3), strict=True)
+            f'<joint joint="{n}" coef="{c:.2g}"/>'
+            for n, c in zip(names[1:4], rng.uniform(0.5, 2, 3), strict=True)
         ]
         tendons = f'<fixed name="t1">{"".join(parts[:2])}</fixed><fixed name="t2">{parts[2]}</fixed>'
         found.append('<tendon tendon1="t1" tendon2="t2" polycoef="0.1 0.7 0 0 0"/>')
@@ -115,4 +139,6 @@ def random_model(seed: int, loops: bool, bodies: int = 6) -> str:
     rng = np.random.default_rng(seed)
     tree, scalar = random_tree(rng, bodies)
     tendons, equalities = random_equalities(rng, bodies, scalar, loops)
-    return model(tree, _DEFAULTS, f"<tendon>{tendons}</tendon><equality>{equalities}</equality>")
+    return model(
+        tree, _DEFAULTS, f"<tendon>{tendons}</tendon><equality>{equalities}</equality>"
+    )

@@ -59,15 +59,26 @@ class ArrayRows:
         if columns is None:
             columns = [range(matrix.shape[1]) for matrix in self.matrices]
         if parameters is None:
-            parameters = [f"p{j + 1}" for j in range(1 + max(max(some, default=-1) for some in columns))]
+            parameters = [
+                f"p{j + 1}"
+                for j in range(1 + max(max(some, default=-1) for some in columns))
+            ]
         if outputs is None:
             outputs = [f"joint{i + 1}" for i in range(len(self.y))]
-        self.layout = Layout(tuple(outputs), tuple(parameters), tuple(tuple(map(int, some)) for some in columns))
+        self.layout = Layout(
+            tuple(outputs),
+            tuple(parameters),
+            tuple(tuple(map(int, some)) for some in columns),
+        )
         self.units = tuple(units or ["kg·m²"] * len(parameters))
         self.output_units = tuple(output_units or ["N·m"] * len(outputs))
-        given = [1e-3 * np.arange(len(some)) for some in self.y] if times is None else times
+        given = (
+            [1e-3 * np.arange(len(some)) for some in self.y] if times is None else times
+        )
         self.times = tuple(np.asarray(some, dtype=float) for some in given)
-        for matrix, some, measured, when in zip(self.matrices, columns, self.y, self.times, strict=True):
+        for matrix, some, measured, when in zip(
+            self.matrices, columns, self.y, self.times, strict=True
+        ):
             assert matrix.shape == (len(measured), len(some))
             assert when.shape == measured.shape
         self.breaks, self.seconds, self.source = tuple(sorted(breaks)), seconds, source
@@ -97,10 +108,21 @@ class ArrayRows:
         """
         W, y = np.asarray(W, dtype=float), np.asarray(y, dtype=float)
         N, m, n = W.shape
-        shape = np.ones((m, n), dtype=bool) if pattern is None else np.asarray(pattern, dtype=bool)
-        taken = np.ones((N, m), dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
+        shape = (
+            np.ones((m, n), dtype=bool)
+            if pattern is None
+            else np.asarray(pattern, dtype=bool)
+        )
+        taken = (
+            np.ones((N, m), dtype=bool)
+            if keep is None
+            else np.asarray(keep, dtype=bool)
+        )
         when = 1e-3 * np.arange(N) if times is None else np.asarray(times, dtype=float)
-        named: dict[str, object] = {"parameters": [f"p{j + 1}" for j in range(n)], **options}
+        named: dict[str, object] = {
+            "parameters": [f"p{j + 1}" for j in range(n)],
+            **options,
+        }
         return ArrayRows(
             [W[taken[:, i], i][:, shape[i]] for i in range(m)],
             [y[taken[:, i], i] for i in range(m)],
@@ -126,35 +148,51 @@ class ArrayRows:
                     self.source,
                     segment,
                     tuple(some[k] for some, k in zip(self.times, inside, strict=True)),
-                    tuple(some[k] for some, k in zip(self.matrices, inside, strict=True)),
+                    tuple(
+                        some[k] for some, k in zip(self.matrices, inside, strict=True)
+                    ),
                     tuple(some[k] for some, k in zip(self.y, inside, strict=True)),
                 )
 
     def observation(self) -> Observation:
         """The R-factors of all rows."""
         pairs = zip(self.matrices, self.y, strict=True)
-        factors = tuple(upper_triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
+        factors = tuple(
+            upper_triangle(np.column_stack([matrix, y])) for matrix, y in pairs
+        )
         return Observation(self.layout, factors, tuple(len(some) for some in self.y))
 
 
 def judged_rows(
-    rows: ArrayRows, values: npt.ArrayLike, prior: npt.ArrayLike | None = None, **options: Any
+    rows: ArrayRows,
+    values: npt.ArrayLike,
+    prior: npt.ArrayLike | None = None,
+    **options: Any,
 ) -> Validation:
     """Validation of a model with given parameters on rows."""
     models = {"model": values, **({} if prior is None else {"prior": prior})}
     outputs = list(zip(rows.layout.outputs, rows.output_units, strict=True))
-    return validate(_signals(rows, list(models.values())), outputs, tuple(models), **options)
+    return validate(
+        _signals(rows, list(models.values())), outputs, tuple(models), **options
+    )
 
 
 def _signals(rows: ArrayRows, models: Sequence[npt.ArrayLike]) -> Iterator[Predicted]:
     values = np.array(models, dtype=float).T
     for block in rows.blocks():
-        guesses = tuple(M @ values[list(some)] for M, some in zip(block.matrices, rows.layout.columns, strict=True))
+        guesses = tuple(
+            M @ values[list(some)]
+            for M, some in zip(block.matrices, rows.layout.columns, strict=True)
+        )
         moving = tuple(np.ones(len(y), dtype=bool) for y in block.y)
-        yield Predicted(block.source, block.segment, block.times, block.y, guesses, moving)
+        yield Predicted(
+            block.source, block.segment, block.times, block.y, guesses, moving
+        )
 
 
-def fit_of(rms: float, r2: float, bias: float = 0.0, rows: int = 100, percent: float = 1.0) -> Fit:
+def fit_of(
+    rms: float, r2: float, bias: float = 0.0, rows: int = 100, percent: float = 1.0
+) -> Fit:
     """A fit with given figures, of values around zero."""
     deviation = 0.0 if np.isnan(r2) else rms / np.sqrt(1 - r2) if r2 < 1 else 1.0
     return Fit(rows, rms, bias, 0.0, deviation, 0.0, 100 * rms / percent)

@@ -21,9 +21,13 @@ from echelon.observe.observation import Observation
 Floats = npt.NDArray[np.float64]
 
 
-def body_of_points(rng: np.random.Generator, size: float = 0.2, mass: float = 1.0) -> Floats:
+def body_of_points(
+    rng: np.random.Generator, size: float = 0.2, mass: float = 1.0
+) -> Floats:
     """Six point masses: a body that exists by construction."""
-    points = np.column_stack([size * (rng.standard_normal((6, 3)) + rng.standard_normal(3)), np.ones(6)])
+    points = np.column_stack(
+        [size * (rng.standard_normal((6, 3)) + rng.standard_normal(3)), np.ones(6)]
+    )
     masses = mass * rng.uniform(0.1, 1, 6) / 6
     return np.asarray(from_pseudo_inertia((points.T * masses) @ points))
 
@@ -46,7 +50,9 @@ def robot(role: Roles, rng: np.random.Generator, mass: float = 1.0) -> Floats:
     return standard
 
 
-def states(base: BaseModel, rng: np.random.Generator, samples: int) -> dict[str, Floats]:
+def states(
+    base: BaseModel, rng: np.random.Generator, samples: int
+) -> dict[str, Floats]:
     """Random states of a tree."""
     mechanism = base.mechanism
     q = rng.uniform(-2, 2, (samples, len(mechanism.positions)))
@@ -55,12 +61,18 @@ def states(base: BaseModel, rng: np.random.Generator, samples: int) -> dict[str,
         if len(motion.positions) == 4:
             columns = [place[name] for name in motion.positions]
             q[:, columns] /= np.linalg.norm(q[:, columns], axis=1, keepdims=True)
-    qd, qdd = (rng.uniform(-3, 3, (samples, len(mechanism.velocities))) for _ in range(2))
+    qd, qdd = (
+        rng.uniform(-3, 3, (samples, len(mechanism.velocities))) for _ in range(2)
+    )
     return {"q": q, "qd": qd, "qdd": qdd}
 
 
 def observed(
-    base: BaseModel, standard: Floats, rng: np.random.Generator, samples: int = 300, noise: float = 0.05
+    base: BaseModel,
+    standard: Floats,
+    rng: np.random.Generator,
+    samples: int = 300,
+    noise: float = 0.05,
 ) -> tuple[Observation, Floats]:
     """An observation with noise, and the weights of the outputs."""
     log = states(base, rng, samples)
@@ -80,7 +92,9 @@ def is_physical(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """Whether bodies can exist, with J ≻ 0 beyond rounding; shape (...)."""
     array = parameter_array(values)
     flat = array.reshape(-1, PER_BODY)
-    return np.array([_definite(body) for body in flat], dtype=bool).reshape(array.shape[:-1])
+    return np.array([_definite(body) for body in flat], dtype=bool).reshape(
+        array.shape[:-1]
+    )
 
 
 def _definite(body: Floats) -> bool:

@@ -31,10 +31,18 @@ class Constrained:
     """
 
     def __init__(self, mechanism: Mechanism, zeta: Array) -> None:
-        self.mechanism, self.model, self.places = mechanism, pin.Model(), {GROUND: (0, pin.SE3.Identity())}
+        self.mechanism, self.model, self.places = (
+            mechanism,
+            pin.Model(),
+            {GROUND: (0, pin.SE3.Identity())},
+        )
         self.joints: dict[str, int] = {}
         gravity = mechanism.gravity
-        self.model.gravity.linear = np.zeros(3) if gravity is None else np.array([self._number(g) for g in gravity])
+        self.model.gravity.linear = (
+            np.zeros(3)
+            if gravity is None
+            else np.array([self._number(g) for g in gravity])
+        )
         for index, body in enumerate(mechanism.bodies):
             joint, place = self.places[body.parent]
             for step in body.joint.steps:
@@ -44,7 +52,9 @@ class Constrained:
                     joint, place = self._joint(joint, step, place), pin.SE3.Identity()
             self.places[index] = joint, place
             xx, xy, xz, yy, yz, zz, *moments, mass = zeta[10 * index : 10 * index + 10]
-            inertia = pin.Inertia.FromDynamicParameters(np.array([mass, *moments, xx, xy, yy, xz, yz, zz]))
+            inertia = pin.Inertia.FromDynamicParameters(
+                np.array([mass, *moments, xx, xy, yy, xz, yz, zz])
+            )
             self.model.appendBodyToJoint(joint, inertia, place)
         self.data = self.model.createData()
         self.couplings = self._couplings()
@@ -53,21 +63,31 @@ class Constrained:
 
     def _number(self, expression: Polynomial) -> float:
         known = {name: s.value for name, s in self.mechanism.symbols.items()}
-        return expression.evaluate(float_generators(expression.generators(), known), float)
+        return expression.evaluate(
+            float_generators(expression.generators(), known), float
+        )
 
     def _placed(self, placement: Placement) -> pin.SE3:
-        rotation = np.array([[self._number(e) for e in row] for row in placement.rotation])
-        return pin.SE3(rotation, np.array([self._number(e) for e in placement.translation]))
+        rotation = np.array(
+            [[self._number(e) for e in row] for row in placement.rotation]
+        )
+        return pin.SE3(
+            rotation, np.array([self._number(e) for e in placement.translation])
+        )
 
     def _joint(self, parent: int, motion: Motion, place: pin.SE3) -> int:
         axis = motion.sign * np.eye(3)[motion.axis]
         kinds = {
             MotionKind.ROTATION: lambda: pin.JointModelRevoluteUnaligned(axis),
             MotionKind.TRANSLATION: lambda: pin.JointModelPrismaticUnaligned(axis),
-            MotionKind.SCREW: lambda: pin.JointModelHelicalUnaligned(axis, self._number(motion.pitch)),
+            MotionKind.SCREW: lambda: pin.JointModelHelicalUnaligned(
+                axis, self._number(motion.pitch)
+            ),
             MotionKind.BALL: pin.JointModelSpherical,
         }
-        self.joints[motion.name] = self.model.addJoint(parent, kinds[motion.kind](), place, motion.name)
+        self.joints[motion.name] = self.model.addJoint(
+            parent, kinds[motion.kind](), place, motion.name
+        )
         return self.joints[motion.name]
 
     def _couplings(self) -> Array:
@@ -92,23 +112,35 @@ class Constrained:
         """Pinocchio's configuration; its quaternions end with w."""
         known = dict(zip(self.mechanism.positions, q, strict=True))
         for coupling in self.mechanism.couplings:
-            known[coupling.coordinate] = sum(self._number(f.ratio) * known[n] for n, f in coupling.terms)
+            known[coupling.coordinate] = sum(
+                self._number(f.ratio) * known[n] for n, f in coupling.terms
+            )
         result = np.zeros(self.model.nq)
         for motion in self.mechanism.motions:
             values = [known[name] for name in motion.positions]
             first = self.model.joints[self.joints[motion.name]].idx_q
-            result[first : first + len(values)] = values[1:] + values[:1] if len(values) > 1 else values
+            result[first : first + len(values)] = (
+                values[1:] + values[:1] if len(values) > 1 else values
+            )
         return result
 
     def energy(self, q: Array, qd: Array) -> float:
         positions, velocities = self.joint_positions(q), self.couplings @ qd
         kinetic = pin.computeKineticEnergy(self.model, self.data, positions, velocities)
-        return float(kinetic + pin.computePotentialEnergy(self.model, self.data, positions))
+        return float(
+            kinetic + pin.computePotentialEnergy(self.model, self.data, positions)
+        )
 
     def frames(self, closure: Closure) -> list[tuple[int, pin.SE3]]:
         """Joints of both sides of a closure, and where the frames sit on them."""
-        sides = ((closure.first, closure.first_frame), (closure.second, closure.second_frame))
-        return [(self.places[body][0], self.places[body][1] * self._placed(frame)) for body, frame in sides]
+        sides = (
+            (closure.first, closure.first_frame),
+            (closure.second, closure.second_frame),
+        )
+        return [
+            (self.places[body][0], self.places[body][1] * self._placed(frame))
+            for body, frame in sides
+        ]
 
     def basis(self, closure: Closure) -> tuple[pin.SE3, Array]:
         """The second frame seen from the first, and constrained twists in axes of the first, (constraints, 6)."""
@@ -127,22 +159,41 @@ class Constrained:
         for closure in self.mechanism.closures:
             seen, basis = self.basis(closure)
             first, second = (
-                place.toActionMatrixInverse() @ pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL)
+                place.toActionMatrixInverse()
+                @ pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL)
                 for joint, place in self.frames(closure)
             )
             moved = first[:3] - pin.skew(seen.translation) @ first[3:]
-            relative = np.vstack([seen.rotation @ second[:3] - moved, seen.rotation @ second[3:] - first[3:]])
+            relative = np.vstack(
+                [
+                    seen.rotation @ second[:3] - moved,
+                    seen.rotation @ second[3:] - first[3:],
+                ]
+            )
             rows.append(basis @ relative @ self.couplings)
         return np.vstack(rows)
 
     def dynamics(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Forces of the independent coordinates and Lagrange multipliers."""
-        effort = pin.rnea(self.model, self.data, self.joint_positions(q), self.couplings @ qd, self.couplings @ qdd)
+        effort = pin.rnea(
+            self.model,
+            self.data,
+            self.joint_positions(q),
+            self.couplings @ qd,
+            self.couplings @ qdd,
+        )
         names = self.mechanism.velocities
-        chosen = np.eye(len(names))[[names.index(n) for n in self.mechanism.independent_velocities]]
-        matrix, effort = np.vstack([chosen, self.closing(q)]).T, self.couplings.T @ effort
+        chosen = np.eye(len(names))[
+            [names.index(n) for n in self.mechanism.independent_velocities]
+        ]
+        matrix, effort = (
+            np.vstack([chosen, self.closing(q)]).T,
+            self.couplings.T @ effort,
+        )
         solved = np.linalg.lstsq(matrix, effort, rcond=1e-9)[0]
-        np.testing.assert_allclose(matrix @ solved, effort, atol=1e-8 * np.abs(effort).max())
+        np.testing.assert_allclose(
+            matrix @ solved, effort, atol=1e-8 * np.abs(effort).max()
+        )
         return solved[: len(chosen)], solved[len(chosen) :]
 
     def wrenches(self, q: Array, qd: Array, qdd: Array) -> list[Array]:
@@ -151,7 +202,10 @@ class Constrained:
         outside = [pin.Force.Zero() for _ in range(self.model.njoints)]
         for closure in self.mechanism.closures:
             seen, basis = self.basis(closure)
-            here, multipliers = multipliers[: len(basis)] @ basis, multipliers[len(basis) :]
+            here, multipliers = (
+                multipliers[: len(basis)] @ basis,
+                multipliers[len(basis) :],
+            )
             (a, at_a), (b, at_b) = self.frames(closure)
             around = pin.SE3(np.eye(3), seen.translation).act(pin.Force(here))
             outside[a] -= at_a.act(around)
@@ -159,6 +213,13 @@ class Constrained:
         forces = pin.StdVec_Force()
         forces.extend(outside)
         velocity, acceleration = self.couplings @ qd, self.couplings @ qdd
-        pin.rnea(self.model, self.data, self.joint_positions(q), velocity, acceleration, forces)
+        pin.rnea(
+            self.model,
+            self.data,
+            self.joint_positions(q),
+            velocity,
+            acceleration,
+            forces,
+        )
         places = (self.places[k] for k in range(len(self.mechanism.bodies)))
         return [place.actInv(self.data.f[joint]).vector for joint, place in places]

@@ -27,7 +27,12 @@ STARTS = (
 
 
 FINDINGS = (
-    Finding(Severity.NOTE, "default limit", "arm.yaml", "'j1' has no jerk limit: takes 400 rad/s³"),
+    Finding(
+        Severity.NOTE,
+        "default limit",
+        "arm.yaml",
+        "'j1' has no jerk limit: takes 400 rad/s³",
+    ),
     Finding(Severity.WARNING, "effort", "arm.yaml", "there are no limits of torques"),
 )
 
@@ -37,9 +42,18 @@ def trajectory(robot: str = "double_pendulum", **changes: Any) -> ExcitingTrajec
     """A random motion within limits: what a page shows does not depend on how good it is."""
     setup = ec.load_setup(EXAMPLES / f"{robot}.yaml")
     limits = {"velocity": 2.0, "position": [-2.5, 2.5]}
-    task = task_of(setup, changed(setup.excitation, {"duration": 6.0, "limits": limits, **changes}, setup.source))
+    task = task_of(
+        setup,
+        changed(
+            setup.excitation,
+            {"duration": 6.0, "limits": limits, **changes},
+            setup.source,
+        ),
+    )
     design = designed(task)
-    run = design.trajectory(design.problem.scaled(design.problem.random(np.random.default_rng(1)), 0.5))
+    run = design.trajectory(
+        design.problem.scaled(design.problem.random(np.random.default_rng(1)), 0.5)
+    )
     return ExcitingTrajectory(
         run, task.base, task.held, "d_optimal", conditioning_of(task, run), tuple(margins_of(run, task)), STARTS,
         FINDINGS,
@@ -65,13 +79,25 @@ def hostile(found: ExcitingTrajectory) -> ExcitingTrajectory:
     mechanism = found.base.mechanism
     bodies = []
     for k, body in enumerate(mechanism.bodies):
-        steps = tuple(replace(s, name=names[s.name]) if hasattr(s, "name") else s for s in body.joint.steps)
+        steps = tuple(
+            replace(s, name=names[s.name]) if hasattr(s, "name") else s
+            for s in body.joint.steps
+        )
         joint = replace(body.joint, name=HOSTILE, steps=steps)
         bodies.append(replace(body, name=f"{HOSTILE}{k}", label=f"<b>{k}", joint=joint))
     with unchecked_names():
-        other = replace(mechanism, name=HOSTILE, bodies=tuple(bodies), effects=(), actuators=(), measured=None)
+        other = replace(
+            mechanism,
+            name=HOSTILE,
+            bodies=tuple(bodies),
+            effects=(),
+            actuators=(),
+            measured=None,
+        )
     matrix = replace(found.base.matrix, parameters=other.parameters)
-    base = ec.BaseModel(other, matrix, found.base.certificate, found.base.reading, found.base.seed)
+    base = ec.BaseModel(
+        other, matrix, found.base.certificate, found.base.reading, found.base.seed
+    )
     run = found.trajectory
     return replace(
         found, base=base, criterion=HOSTILE, held={HOSTILE: 1.0}, settings={HOSTILE: HOSTILE},

@@ -56,4 +56,7 @@ def base(file: str) -> ec.BaseModel:
 
 
 def rows(text: str = RX90) -> list[str]:
-    return [line.partition("=")[2].strip() or line.strip() for line in text.strip().splitlines()]
+    return [
+        line.partition("=")[2].strip() or line.strip()
+        for line in text.strip().splitlines()
+    ]

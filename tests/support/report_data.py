@@ -36,13 +36,21 @@ def bodies(base: ec.BaseModel, rng: np.random.Generator) -> Floats:
     for start in base.mechanism.first_column.values():
         mass, centre = rng.uniform(0.5, 3.0), rng.uniform(-0.1, 0.1, 3)
         tensor = np.diag(rng.uniform(0.6, 1.0, 3)) * 0.01 * mass
-        ten = ec.convert([mass, *centre, *tensor[np.triu_indices(3)]], "urdf", "echelon")
-        kinds = [p.kind for p in columns if p.body is not None and p.body == columns[start].body]
+        ten = ec.convert(
+            [mass, *centre, *tensor[np.triu_indices(3)]], "urdf", "echelon"
+        )
+        kinds = [
+            p.kind
+            for p in columns
+            if p.body is not None and p.body == columns[start].body
+        ]
         zeta[start : start + len(kinds)] = [ten[k] for k in kinds if k is not None]
     return zeta
 
 
-def motion(base: ec.BaseModel, time: Floats, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+def motion(
+    base: ec.BaseModel, time: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
     n = len(base.mechanism.velocities)
     q, qd, qdd = (np.zeros((len(time), n)) for _ in range(3))
     for harmonic in range(1, 5):
@@ -77,7 +85,14 @@ def validation(
     predicted = base.predict(*state, values)
     before = base.predict(*state, 0.8 * base.values(zeta))
     traces = tuple(
-        Trace(o.name, o.unit, time, truth[:, k] + noise[:, k], predicted[:, k], before[:, k] if prior else None)
+        Trace(
+            o.name,
+            o.unit,
+            time,
+            truth[:, k] + noise[:, k],
+            predicted[:, k],
+            before[:, k] if prior else None,
+        )
         for k, o in enumerate(base.mechanism.outputs)
     )
     scores = tuple(score(t, t.predicted) for t in traces)
@@ -98,8 +113,16 @@ def estimate_of(base: ec.BaseModel, values: Floats, std: Floats, rows: int) -> E
 def conditioning_of(base: ec.BaseModel, rng: np.random.Generator) -> Conditioning:
     r = base.rank
     values = np.logspace(0, -2.3, r)
-    weights = tuple((name, w) for name, w in zip(base.pivots[:3], (0.83, -0.5, 0.21), strict=False))
-    weak = (Direction(float(values[-1]), weights, "Move joints 1 and 2 at the same time, and faster."),)
+    weights = tuple(
+        (name, w) for name, w in zip(base.pivots[:3], (0.83, -0.5, 0.21), strict=False)
+    )
+    weak = (
+        Direction(
+            float(values[-1]),
+            weights,
+            "Move joints 1 and 2 at the same time, and faster.",
+        ),
+    )
     return Conditioning(742.0, 199.5, values, r, rng.uniform(0.03, 1.0, r), weak)
 
 
@@ -113,9 +136,24 @@ def physical_of(base: ec.BaseModel, zeta: Floats) -> PhysicalFit:
 
 
 FINDINGS = (
-    Finding(Severity.WARNING, "gap", "run1.parquet, 12.31 s", "0.4 s are missing; the log was cut in two there."),
-    Finding(Severity.NOTE, "jitter", "run1.parquet", "Time stamps jitter by 0.3 ms; the log was resampled to 250 Hz."),
-    Finding(Severity.WARNING, "saturation", "run2.parquet, j2", "212 samples are at the limit of 87 N·m; left out."),
+    Finding(
+        Severity.WARNING,
+        "gap",
+        "run1.parquet, 12.31 s",
+        "0.4 s are missing; the log was cut in two there.",
+    ),
+    Finding(
+        Severity.NOTE,
+        "jitter",
+        "run1.parquet",
+        "Time stamps jitter by 0.3 ms; the log was resampled to 250 Hz.",
+    ),
+    Finding(
+        Severity.WARNING,
+        "saturation",
+        "run2.parquet, j2",
+        "212 samples are at the limit of 87 N·m; left out.",
+    ),
 )
 
 PREPARATION = Preparation(
@@ -124,11 +162,16 @@ PREPARATION = Preparation(
     still={"j1": 0.02, "j2": 0.01},
     delays={"j1": 0.004},
     rate=250.0,
-    reasons={"band": "12 times 1.7 Hz, the mean frequency of the velocity of j1", "rate": "that of the log"},
+    reasons={
+        "band": "12 times 1.7 Hz, the mean frequency of the velocity of j1",
+        "rate": "that of the log",
+    },
 )
 
 
-def identification(robot: str = "double_pendulum", samples: int = 2500, seed: int = 1) -> Identification:
+def identification(
+    robot: str = "double_pendulum", samples: int = 2500, seed: int = 1
+) -> Identification:
     """Everything there is: two logs, a prior, essential parameters, a physical fit and findings."""
     base, rng = base_of(robot), np.random.default_rng(seed)
     zeta = bodies(base, rng)
@@ -161,7 +204,12 @@ def bare(robot: str = "double_pendulum", samples: int = 400) -> Identification:
     """The least there can be: no data kept back, no prior, no physical fit, nothing found."""
     full = identification(robot, samples)
     first = full.validations[0]
-    lone = replace(first, prior_scores=(), traces=tuple(replace(t, prior=None) for t in first.traces), verdict="")
+    lone = replace(
+        first,
+        prior_scores=(),
+        traces=tuple(replace(t, prior=None) for t in first.traces),
+        verdict="",
+    )
     return replace(
         full, essential=None, feasibility=None, physical=None, validations=(lone,), findings=(),
         predict_with="estimate", preparation=Preparation(),
@@ -171,9 +219,7 @@ def bare(robot: str = "double_pendulum", samples: int = 400) -> Identification:
 
 # -- pages and hostile names -------------------------------------------------------------------------------------------
 
-HOSTILE = (
-    "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>\n</script><!-- 🦾 \u202eمرحبا {{ 7 * 7 }} %{y} $x$ &lt;"
-)
+HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>\n</script><!-- 🦾 \u202eمرحبا {{ 7 * 7 }} %{y} $x$ &lt;"
 
 
 class Page(HTMLParser):
@@ -219,22 +265,45 @@ def hostile(run: Identification) -> Identification:
     """The same with names that try to break out, wherever a name can stand."""
     mechanism = run.base.mechanism
     bodies = tuple(
-        replace(b, name=f"{HOSTILE}{k}", label=f"<b>{k}", joint=replace(b.joint, name=HOSTILE))
+        replace(
+            b,
+            name=f"{HOSTILE}{k}",
+            label=f"<b>{k}",
+            joint=replace(b.joint, name=HOSTILE),
+        )
         for k, b in enumerate(mechanism.bodies)
     )
     with unchecked_names():
         other = replace(mechanism, name=HOSTILE, bodies=bodies)
     matrix = replace(run.base.matrix, parameters=other.parameters)
-    base = ec.BaseModel(other, matrix, run.base.certificate, run.base.reading, run.base.seed)
+    base = ec.BaseModel(
+        other, matrix, run.base.certificate, run.base.reading, run.base.seed
+    )
 
     def dirty(validation):
-        scores = tuple(replace(s, output=f"{HOSTILE}{k}", unit=HOSTILE) for k, s in enumerate(validation.scores))
-        traces = tuple(replace(t, output=f"{HOSTILE}{k}", unit=HOSTILE) for k, t in enumerate(validation.traces))
-        return replace(validation, source=HOSTILE, verdict=HOSTILE, scores=scores, prior_scores=scores, traces=traces)
+        scores = tuple(
+            replace(s, output=f"{HOSTILE}{k}", unit=HOSTILE)
+            for k, s in enumerate(validation.scores)
+        )
+        traces = tuple(
+            replace(t, output=f"{HOSTILE}{k}", unit=HOSTILE)
+            for k, t in enumerate(validation.traces)
+        )
+        return replace(
+            validation,
+            source=HOSTILE,
+            verdict=HOSTILE,
+            scores=scores,
+            prior_scores=scores,
+            traces=traces,
+        )
 
     assert run.physical is not None
     assert run.feasibility is not None
-    weak = tuple(replace(d, advice=HOSTILE, weights=((base.pivots[0], 1.0),)) for d in run.conditioning.weak)
+    weak = tuple(
+        replace(d, advice=HOSTILE, weights=((base.pivots[0], 1.0),))
+        for d in run.conditioning.weak
+    )
     margins = {body.name: 1.0 for body in bodies}
     return replace(
         run, base=base, logs=(HOSTILE,), verdict=HOSTILE, settings={HOSTILE: HOSTILE},

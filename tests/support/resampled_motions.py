@@ -25,10 +25,14 @@ def document(found: ExcitingTrajectory) -> dict[str, Any]:
     return read
 
 
-def evaluated(motion: Mapping[str, Any], names: list[str], t: Floats, order: int) -> Floats:
+def evaluated(
+    motion: Mapping[str, Any], names: list[str], t: Floats, order: int
+) -> Floats:
     """Derivatives of a motion, as its 'meaning' in the file says."""
     if motion["family"] == "sum":
-        return np.sum([evaluated(part, names, t, order) for part in motion["parts"]], axis=0)
+        return np.sum(
+            [evaluated(part, names, t, order) for part in motion["parts"]], axis=0
+        )
     if motion["family"] == "splines":
         points = np.array([motion["control_points"][name] for name in names]).T
         spline = BSpline(np.array(motion["knots"]), points, motion["degree"])
@@ -40,7 +44,10 @@ def evaluated(motion: Mapping[str, Any], names: list[str], t: Floats, order: int
             series = motion["coefficients"][name]
             # each derivative is ahead by a quarter of a period
             angle = w * t + order * np.pi / 2
-            found[:, j] += w**order * (series["sin"][k - 1] * np.sin(angle) + series["cos"][k - 1] * np.cos(angle))
+            found[:, j] += w**order * (
+                series["sin"][k - 1] * np.sin(angle)
+                + series["cos"][k - 1] * np.cos(angle)
+            )
     if order == 0:
         found += [motion["coefficients"][name]["constant"] for name in names]
     return found
@@ -48,5 +55,7 @@ def evaluated(motion: Mapping[str, Any], names: list[str], t: Floats, order: int
 
 def resampled(found: ExcitingTrajectory, order: int, rate: float = RESAMPLED) -> Floats:
     written = document(found)
-    t = np.linspace(0, found.trajectory.duration, round(found.trajectory.duration * rate) + 1)
+    t = np.linspace(
+        0, found.trajectory.duration, round(found.trajectory.duration * rate) + 1
+    )
     return evaluated(written["motion"], written["coordinates"], t, order)

@@ -22,7 +22,10 @@ EMPTY = ("ur3",)
 @cache
 def robot_files() -> dict[str, Path]:
     """All valid URDF files by stem (anymal occurs twice)."""
-    root = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+    root = (
+        Path(sysconfig.get_path("purelib"))
+        / "cmeel.prefix/share/example-robot-data/robots"
+    )
     files: dict[str, Path] = {}
     for file in sorted(root.glob("*/*/*.urdf")):
         stem = file.stem if file.stem not in files else f"{file.stem}-2"
@@ -60,26 +63,40 @@ class PinocchioState:
         return ours
 
 
-def pinocchio_state(mechanism: Mechanism, model: Any, q: Floats, qd: Floats, qdd: Floats) -> PinocchioState:
+def pinocchio_state(
+    mechanism: Mechanism, model: Any, q: Floats, qd: Floats, qdd: Floats
+) -> PinocchioState:
     """Our state of a mechanism, whose joints have the names of Pinocchio's, in Pinocchio's coordinates."""
     ours = dict(zip(mechanism.positions, q, strict=True))
     column = {name: i for i, name in enumerate(mechanism.velocities)}
     full_q = np.zeros(model.nq)
     jacobian, bias = np.zeros((model.nv, len(qd))), np.zeros(model.nv)
     for body in mechanism.bodies:
-        name = "root_joint" if body.joint.name == "base" and body.joint.kind == "floating" else body.joint.name
+        name = (
+            "root_joint"
+            if body.joint.name == "base" and body.joint.kind == "floating"
+            else body.joint.name
+        )
         if not body.joint.motions:
             continue
         joint = model.joints[model.getJointId(name)]
         at, row = joint.idx_q, joint.idx_v
         if body.joint.kind == "floating":
             _free(
-                body.joint.motions, ours, column, qd, full_q[at : at + 7], jacobian[row : row + 6], bias[row : row + 6]
+                body.joint.motions,
+                ours,
+                column,
+                qd,
+                full_q[at : at + 7],
+                jacobian[row : row + 6],
+                bias[row : row + 6],
             )
             continue
         (motion,) = body.joint.motions
         angle = ours[motion.name]
-        full_q[at : at + joint.nq] = (np.cos(angle), np.sin(angle)) if joint.nq == 2 else angle
+        full_q[at : at + joint.nq] = (
+            (np.cos(angle), np.sin(angle)) if joint.nq == 2 else angle
+        )
         jacobian[row, column[motion.name]] = 1
     return PinocchioState(full_q, jacobian @ qd, jacobian @ qdd + bias, jacobian)
 
@@ -97,7 +114,10 @@ def _free(motions, ours, column, qd, q, jacobian, bias) -> None:  # type: ignore
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    linear, angular = [column[m.name] for m in slides], [column[n] for n in turn.velocities]
+    linear, angular = (
+        [column[m.name] for m in slides],
+        [column[n] for n in turn.velocities],
+    )
     jacobian[:3, linear] = rotation.T
     jacobian[3:, angular] = np.eye(3)
     # the derivative of Rᵀ v in body axes: Rᵀ v̇ − ω × Rᵀ v

@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 
-def slow_unless(quick: Callable[[Any], bool] | Iterable[Any], cases: Iterable[Any]) -> list[Any]:
+def slow_unless(
+    quick: Callable[[Any], bool] | Iterable[Any], cases: Iterable[Any]
+) -> list[Any]:
     """Cases with the mark ``slow`` on those that are not among the quick ones."""
     if not callable(quick):
         quick = frozenset(quick).__contains__
@@ -22,5 +24,9 @@ def one_in(step: int, cases: Iterable[Any]) -> list[Any]:
 
 def _slow(case: Any) -> Any:
     if hasattr(case, "marks"):
-        return pytest.param(*case.values, id=case.id, marks=[*case.marks, pytest.mark.slow])
-    return pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
+        return pytest.param(
+            *case.values, id=case.id, marks=[*case.marks, pytest.mark.slow]
+        )
+    return pytest.param(
+        *(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow
+    )

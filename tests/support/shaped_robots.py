@@ -8,7 +8,12 @@ import numpy.typing as npt
 from echelon.exact.expressions import parse
 from echelon.excite.problem.robot_shapes import entry_shapes
 from echelon.excite.problem.shapes import Shape
-from echelon.excite.problem.trajectory import Basis, Fourier, Trajectory, uniform_splines
+from echelon.excite.problem.trajectory import (
+    Basis,
+    Fourier,
+    Trajectory,
+    uniform_splines,
+)
 from echelon.mechanism.joint import rotation, screw, translation
 from echelon.mechanism.mechanism import Mechanism
 from support.textbook_arms import body, place, tree
@@ -35,7 +40,13 @@ def planar(links: int = 3) -> Mechanism:
     return tree(
         "planar",
         *(
-            body(k, k - 1, "revolute", place("1 0 0" if k > 1 else "0 0 0"), rotation(f"q{k}"))
+            body(
+                k,
+                k - 1,
+                "revolute",
+                place("1 0 0" if k > 1 else "0 0 0"),
+                rotation(f"q{k}"),
+            )
             for k in range(1, links + 1)
         ),
     )
@@ -43,7 +54,10 @@ def planar(links: int = 3) -> Mechanism:
 
 def spheres(mechanism: Mechanism, radius: float = 0.1) -> tuple[Shape, ...]:
     world = {"body": "world", "sphere": radius, "name": "stone"}
-    return entry_shapes(mechanism, [world, *({"body": b.name, "sphere": radius} for b in mechanism.bodies)])
+    return entry_shapes(
+        mechanism,
+        [world, *({"body": b.name, "sphere": radius} for b in mechanism.bodies)],
+    )
 
 
 def random_arm(seed: int) -> tuple[Mechanism, tuple[Shape, ...]]:
@@ -51,12 +65,25 @@ def random_arm(seed: int) -> tuple[Mechanism, tuple[Shape, ...]]:
     rng = np.random.default_rng(seed)
     bodies, entries = [], []
     for k in range(1, 6):
-        xyz, rpy = (" ".join(f"{v:.3f}" for v in rng.uniform(-s, s, 3)) for s in (0.3, 0.0))
-        joint = [rotation(f"q{k}", int(rng.integers(3))), translation(f"q{k}", int(rng.integers(3)))]
+        xyz, rpy = (
+            " ".join(f"{v:.3f}" for v in rng.uniform(-s, s, 3)) for s in (0.3, 0.0)
+        )
+        joint = [
+            rotation(f"q{k}", int(rng.integers(3))),
+            translation(f"q{k}", int(rng.integers(3))),
+        ]
         joint += [screw(f"q{k}", parse("0.05"), int(rng.integers(3)))]
         kind = int(rng.choice(3, p=[0.6, 0.2, 0.2]))
         parent = k - 1 if k < 5 else 2
-        bodies.append(body(k, parent, ("revolute", "prismatic", "screw")[kind], place(xyz, rpy), joint[kind]))
+        bodies.append(
+            body(
+                k,
+                parent,
+                ("revolute", "prismatic", "screw")[kind],
+                place(xyz, rpy),
+                joint[kind],
+            )
+        )
         at = rng.uniform(-0.1, 0.1, 3).tolist()
         shape = [{"sphere": 0.08, "at": at}, {"box": [0.05, 0.1, 0.08], "at": at}]
         shape += [
@@ -65,12 +92,21 @@ def random_arm(seed: int) -> tuple[Mechanism, tuple[Shape, ...]]:
         ]
         entries.append({"body": f"link{k}", **shape[int(rng.integers(4))]})
     entries.append({"body": "world", "plane": [0, 0.2, 1], "through": [0, 0, -0.6]})
-    entries.append({"body": "world", "sphere": 0.2, "at": rng.uniform(-0.8, 0.8, 3).tolist()})
-    mechanism = tree(f"random{seed}", *bodies, couplings={"q3": {"q1": "-0.5", "q2": "0.3"}})
+    entries.append(
+        {"body": "world", "sphere": 0.2, "at": rng.uniform(-0.8, 0.8, 3).tolist()}
+    )
+    mechanism = tree(
+        f"random{seed}", *bodies, couplings={"q3": {"q1": "-0.5", "q2": "0.3"}}
+    )
     return mechanism, entry_shapes(mechanism, entries)
 
 
 def motion(mechanism: Mechanism, seed: int, size: float = 1.0) -> Trajectory:
     rng, n = np.random.default_rng(seed), len(mechanism.positions)
     basis: Basis = Fourier(4.0, 4) if seed % 2 else uniform_splines(4.0, 12)
-    return Trajectory(mechanism.positions, ("rad",) * n, basis, size * rng.normal(size=(basis.size, n)))
+    return Trajectory(
+        mechanism.positions,
+        ("rad",) * n,
+        basis,
+        size * rng.normal(size=(basis.size, n)),
+    )

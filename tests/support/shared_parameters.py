@@ -23,7 +23,9 @@ def identical_legs(name: str) -> ec.Mechanism:
     data = yaml.safe_load((LOOPS / f"{name}.yaml").read_text())
     for body in data["bodies"]:
         body["label"] = body["name"].rstrip("0123456789")
-    return RobotFile.of(yaml.safe_dump(data, sort_keys=False).encode(), "robot.yaml").mechanism(ReadingOptions())
+    return RobotFile.of(
+        yaml.safe_dump(data, sort_keys=False).encode(), "robot.yaml"
+    ).mechanism(ReadingOptions())
 
 
 CAR = """
@@ -57,12 +59,18 @@ def chain(count: int, *shared: int) -> str:
     return "bodies:\n" + "".join(rows)
 
 
-def pinocchio_regressor(mechanism: ec.Mechanism, count: int) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+def pinocchio_regressor(
+    mechanism: ec.Mechanism, count: int
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
     """Forces by a unit of every parameter, shape (samples, outputs, parameters), and the states.
 
     A parameter of several bodies is given to all of them at once.
     """
-    state = states(mechanism, count) if mechanism.closures else oracles.random_states(mechanism, count)
+    state = (
+        states(mechanism, count)
+        if mechanism.closures
+        else oracles.random_states(mechanism, count)
+    )
     bodies = mechanism.bodies
     ones = np.ones(10 * len(bodies))
     labels = list(dict.fromkeys(body.label for body in bodies))
@@ -70,21 +78,34 @@ def pinocchio_regressor(mechanism: ec.Mechanism, count: int) -> tuple[FloatArray
     for label in labels:
         for kind in range(10):
             zeta = ones.copy()
-            zeta[[10 * k + kind for k, body in enumerate(bodies) if body.label == label]] += 1
+            zeta[
+                [10 * k + kind for k, body in enumerate(bodies) if body.label == label]
+            ] += 1
             models.append(Constrained(mechanism, zeta))
-    forces = np.array([[_forces(model, *sample) for model in models] for sample in zip(*state, strict=True)])
+    forces = np.array(
+        [
+            [_forces(model, *sample) for model in models]
+            for sample in zip(*state, strict=True)
+        ]
+    )
     return (forces[:, 1:] - forces[:, :1]).transpose(0, 2, 1), state
 
 
-def _forces(model: Constrained, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+def _forces(
+    model: Constrained, q: FloatArray, qd: FloatArray, qdd: FloatArray
+) -> FloatArray:
     if model.mechanism.closures:
         return model.dynamics(q, qd, qdd)[0]
     rates = (model.couplings @ qd, model.couplings @ qdd)
-    effort: FloatArray = model.couplings.T @ pin.rnea(model.model, model.data, model.joint_positions(q), *rates)
+    effort: FloatArray = model.couplings.T @ pin.rnea(
+        model.model, model.data, model.joint_positions(q), *rates
+    )
     return effort
 
 
 def rank_of(matrix: FloatArray) -> int:
     sizes = np.linalg.norm(matrix, axis=0)
-    singular = np.linalg.svd(matrix / np.maximum(sizes, 1e-2 * sizes.max()), compute_uv=False)
+    singular = np.linalg.svd(
+        matrix / np.maximum(sizes, 1e-2 * sizes.max()), compute_uv=False
+    )
     return int((singular > 1e-7 * singular[0]).sum())

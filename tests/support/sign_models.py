@@ -33,7 +33,11 @@ class _Term:
     def values(self, cell: tuple[int, ...]) -> dict[int, Fraction]:
         """The coefficients of functions in a region."""
         sides = [1 + side * cell[k] for k, side in self.corner]
-        return {self.function: Fraction(self.factor * math.prod(cell[k] for k in self.signs) * math.prod(sides))}
+        return {
+            self.function: Fraction(
+                self.factor * math.prod(cell[k] for k in self.signs) * math.prod(sides)
+            )
+        }
 
     def text(self, surfaces: list[str]) -> str:
         factors = [f"sign({surfaces[k]})" for k in self.signs]
@@ -60,7 +64,9 @@ class _Affine:
 
     def __str__(self) -> str:
         terms = [f"({a})*x{k}" for k, a in enumerate(self.normal) if a]
-        return f"{' + '.join(terms)} + ({self.offset.numerator}/{self.offset.denominator})"
+        return (
+            f"{' + '.join(terms)} + ({self.offset.numerator}/{self.offset.denominator})"
+        )
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,10 @@ class _Stop:
         """The coefficients of functions in a region."""
         if cell[self.surface] < 0:
             return {}
-        return {0: self.affine.offset, **{1 + k: Fraction(a) for k, a in enumerate(self.affine.normal)}}
+        return {
+            0: self.affine.offset,
+            **{1 + k: Fraction(a) for k, a in enumerate(self.affine.normal)},
+        }
 
     def text(self, surfaces: list[str]) -> str:
         return f"max(0, {surfaces[self.surface]})"
@@ -91,20 +100,36 @@ def sign_model(seed: int) -> SignModel:
             break
     peaks = int(rng.integers(0, 2))
     texts = [*map(str, affine), *(_peak(rng, k) for k in range(peaks))]
-    cells = [(*cell, *peak) for cell in sorted(regions) for peak in itertools.product((-1, 1), repeat=peaks)]
+    cells = [
+        (*cell, *peak)
+        for cell in sorted(regions)
+        for peak in itertools.product((-1, 1), repeat=peaks)
+    ]
     columns = _columns(rng, affine, len(texts))
-    names = (*(f"x{k}" for k in range(variables)), *(f"y{k}" for k in range(peaks)), "z")
-    written = tuple(" + ".join(term.text(texts) for term in column) for column in columns)
+    names = (
+        *(f"x{k}" for k in range(variables)),
+        *(f"y{k}" for k in range(peaks)),
+        "z",
+    )
+    written = tuple(
+        " + ".join(term.text(texts) for term in column) for column in columns
+    )
     return SignModel(written, names, len(cells), _rank(columns, cells))
 
 
-def _affine_surfaces(rng: np.random.Generator, variables: int, count: int) -> list[_Affine]:
+def _affine_surfaces(
+    rng: np.random.Generator, variables: int, count: int
+) -> list[_Affine]:
     found: list[_Affine] = []
     while len(found) < count:
         normal = [0] * variables
-        for k in rng.choice(variables, int(rng.integers(1, variables + 1)), replace=False):
+        for k in rng.choice(
+            variables, int(rng.integers(1, variables + 1)), replace=False
+        ):
             normal[k] = int(rng.choice([-2, -1, 1, 3]))
-        offset = Fraction(int(rng.integers(1, 1000)), 1000) * Fraction(10) ** int(rng.integers(-3, 5))
+        offset = Fraction(int(rng.integers(1, 1000)), 1000) * Fraction(10) ** int(
+            rng.integers(-3, 5)
+        )
         found.append(_Affine(tuple(normal), -offset))
         if rng.random() < 0.4:  # a dead zone
             found.append(_Affine(tuple(normal), offset))
@@ -118,7 +143,10 @@ def _peak(rng: np.random.Generator, k: int) -> str:
 def _regions(surfaces: list[_Affine], variables: int) -> set[tuple[int, ...]] | None:
     """Sign vectors of all regions; None if more surfaces meet at a corner than there are variables."""
     walls = [
-        _Affine(tuple(side if j == k else 0 for j in range(variables)), Fraction(FAR + 7 * k))
+        _Affine(
+            tuple(side if j == k else 0 for j in range(variables)),
+            Fraction(FAR + 7 * k),
+        )
         for k in range(variables)
         for side in (-1, 1)
     ]
@@ -128,7 +156,10 @@ def _regions(surfaces: list[_Affine], variables: int) -> set[tuple[int, ...]] | 
         corner = _corner([every[k] for k in meeting])
         if corner is None:
             continue
-        values = [sum(a * x for a, x in zip(s.normal, corner, strict=True)) + s.offset for s in every]
+        values = [
+            sum(a * x for a, x in zip(s.normal, corner, strict=True)) + s.offset
+            for s in every
+        ]
         others = [k for k in range(len(every)) if k not in meeting]
         if any(values[k] == 0 for k in others):
             return None
@@ -137,7 +168,12 @@ def _regions(surfaces: list[_Affine], variables: int) -> set[tuple[int, ...]] | 
         for signs in itertools.product((-1, 1), repeat=variables):
             here = dict(zip(meeting, signs, strict=True))
             if all(here.get(k, 1) > 0 for k in range(len(surfaces), len(every))):
-                found.add(tuple(here.get(k, 1 if values[k] > 0 else -1) for k in range(len(surfaces))))
+                found.add(
+                    tuple(
+                        here.get(k, 1 if values[k] > 0 else -1)
+                        for k in range(len(surfaces))
+                    )
+                )
     return found
 
 
@@ -145,26 +181,41 @@ def _corner(meeting: list[_Affine]) -> list[Fraction] | None:
     matrix = fmpq_mat([[fmpq(a) for a in s.normal] for s in meeting])
     if matrix.det() == 0:
         return None
-    right = fmpq_mat([[fmpq(-s.offset.numerator, s.offset.denominator)] for s in meeting])
+    right = fmpq_mat(
+        [[fmpq(-s.offset.numerator, s.offset.denominator)] for s in meeting]
+    )
     return [Fraction(int(x.p), int(x.q)) for x in matrix.solve(right).entries()]
 
 
-def _columns(rng: np.random.Generator, affine: list[_Affine], surfaces: int) -> list[list[_Term | _Stop]]:
+def _columns(
+    rng: np.random.Generator, affine: list[_Affine], surfaces: int
+) -> list[list[_Term | _Stop]]:
     """Columns, some of which differ from combinations of others in a corner of the space only."""
     columns: list[list[_Term | _Stop]] = [
-        [_term(rng, surfaces) for _ in range(rng.integers(1, 3))] for _ in range(rng.integers(2, 6))
+        [_term(rng, surfaces) for _ in range(rng.integers(1, 3))]
+        for _ in range(rng.integers(2, 6))
     ]
-    stops = rng.choice(len(affine), int(rng.integers(0, len(affine) + 1)), replace=False)
+    stops = rng.choice(
+        len(affine), int(rng.integers(0, len(affine) + 1)), replace=False
+    )
     columns += [[_Stop(int(k), affine[k])] for k in stops]
     for _ in range(int(rng.integers(1, 4))):
         chosen = [t for k in rng.choice(len(columns), 2) for t in columns[k]]
-        columns.append([*chosen, _in_a_corner(rng, surfaces)] if rng.random() < 0.5 else chosen)
+        columns.append(
+            [*chosen, _in_a_corner(rng, surfaces)] if rng.random() < 0.5 else chosen
+        )
     return columns
 
 
 def _term(rng: np.random.Generator, surfaces: int) -> _Term:
-    signs = rng.choice(surfaces, int(rng.integers(0, min(3, surfaces) + 1)), replace=False)
-    return _Term(int(rng.choice([-2, -1, 1, 2])), int(rng.choice(_OF_EVERY_MODEL)), tuple(sorted(map(int, signs))))
+    signs = rng.choice(
+        surfaces, int(rng.integers(0, min(3, surfaces) + 1)), replace=False
+    )
+    return _Term(
+        int(rng.choice([-2, -1, 1, 2])),
+        int(rng.choice(_OF_EVERY_MODEL)),
+        tuple(sorted(map(int, signs))),
+    )
 
 
 def _in_a_corner(rng: np.random.Generator, surfaces: int) -> _Term:
@@ -181,4 +232,8 @@ def _rank(columns: list[list[_Term | _Stop]], cells: list[tuple[int, ...]]) -> i
             for r, cell in enumerate(cells):
                 for function, value in term.values(cell).items():
                     table[r * len(FUNCTIONS) + function][c] += value
-    return int(fmpq_mat([[fmpq(x.numerator, x.denominator) for x in row] for row in table]).rank())
+    return int(
+        fmpq_mat(
+            [[fmpq(x.numerator, x.denominator) for x in row] for row in table]
+        ).rank()
+    )

@@ -16,7 +16,9 @@ CONSTANT = 0.08
 """Torque constant of the motors of the geared arm, N·m/A."""
 
 
-def write_log(path: Path, time: Floats, q: Floats, y: Floats, mechanism: Mechanism, motors: Floats) -> Path:
+def write_log(
+    path: Path, time: Floats, q: Floats, y: Floats, mechanism: Mechanism, motors: Floats
+) -> Path:
     """Positions and outputs in the format that the path's ending says.
 
     Parameters
@@ -32,23 +34,43 @@ def write_log(path: Path, time: Floats, q: Floats, y: Floats, mechanism: Mechani
     outputs = [output.name for output in mechanism.outputs]
     match path.suffix:
         case ".csv":
-            names = ["time", *(f"q_{k + 1}" for k in range(q.shape[1])), *(f"tau_{k + 1}" for k in range(y.shape[1]))]
+            names = [
+                "time",
+                *(f"q_{k + 1}" for k in range(q.shape[1])),
+                *(f"tau_{k + 1}" for k in range(y.shape[1])),
+            ]
             rows = np.column_stack([time, q, y]).tolist()
-            path.write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows)]) + "\n")
+            path.write_text(
+                "\n".join(
+                    [",".join(names), *(",".join(map(repr, row)) for row in rows)]
+                )
+                + "\n"
+            )
         case ".parquet":
             import pyarrow as pa
             import pyarrow.parquet as pq
 
             columns = {"time": time, **dict(zip(mechanism.positions, q.T, strict=True))}
-            columns |= {f"force.{name}": some for name, some in zip(outputs, y.T, strict=True)}
+            columns |= {
+                f"force.{name}": some for name, some in zip(outputs, y.T, strict=True)
+            }
             pq.write_table(pa.table(columns), path)
         case ".npz":
-            np.savez(path, stamp=1e3 * time, angle=np.stack([q[:, 0], 0.25 - q[:, 1]], axis=1), torque=y)
+            np.savez(
+                path,
+                stamp=1e3 * time,
+                angle=np.stack([q[:, 0], 0.25 - q[:, 1]], axis=1),
+                torque=y,
+            )
         case ".mat":
             import scipy.io
 
             columns = {f"q{k + 1}": some for k, some in enumerate(q.T)}
-            columns |= {f"tau_{name}": some for name, some in zip(outputs, y.T, strict=True) if "." not in name}
+            columns |= {
+                f"tau_{name}": some
+                for name, some in zip(outputs, y.T, strict=True)
+                if "." not in name
+            }
             scipy.io.savemat(path, {"t": time, **columns, "wrench": y[:, -6:]})
         case ".mcap":
             _bag(path, time, np.degrees(motors), y / CONSTANT, outputs)
@@ -57,7 +79,9 @@ def write_log(path: Path, time: Floats, q: Floats, y: Floats, mechanism: Mechani
     return path
 
 
-def _bag(path: Path, time: Floats, degrees: Floats, currents: Floats, names: list[str]) -> None:
+def _bag(
+    path: Path, time: Floats, degrees: Floats, currents: Floats, names: list[str]
+) -> None:
     """Joint states of motors in an MCAP file without a folder around it."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -75,7 +99,13 @@ def _bag(path: Path, time: Floats, degrees: Floats, currents: Floats, names: lis
     found.rename(path)
 
 
-def _message(types: Any, stamp: int, names: list[str], position: Floats, effort: Floats) -> Any:
-    clock = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+def _message(
+    types: Any, stamp: int, names: list[str], position: Floats, effort: Floats
+) -> Any:
+    clock = types["builtin_interfaces/msg/Time"](
+        sec=stamp // 10**9, nanosec=stamp % 10**9
+    )
     header = types["std_msgs/msg/Header"](stamp=clock, frame_id="")
-    return types["sensor_msgs/msg/JointState"](header, names, position, np.zeros(0), effort)
+    return types["sensor_msgs/msg/JointState"](
+        header, names, position, np.zeros(0), effort
+    )

@@ -39,13 +39,21 @@ class Drive:
     def value(self, parameter: str) -> float:
         """Of a parameter by its kind."""
         kinds = {"Fv": self.viscous, "Fc": self.coulomb, "Ia": self.rotor}
-        return next(value for kind, value in kinds.items() if parameter.startswith(kind))
+        return next(
+            value for kind, value in kinds.items() if parameter.startswith(kind)
+        )
 
     @property
     def attributes(self) -> str:
         """In MJCF, with a friction that turns round within a few thousandths of a radian per second."""
         names = ("damping", "frictionloss", "armature")
-        found = [f'{n}="{v}"' for n, v in zip(names, (self.viscous, self.coulomb, self.rotor), strict=True) if v]
+        found = [
+            f'{n}="{v}"'
+            for n, v in zip(
+                names, (self.viscous, self.coulomb, self.rotor), strict=True
+            )
+            if v
+        ]
         return " ".join([*found, 'solreffriction="0.001 1"' if self.coulomb else ""])
 
 
@@ -62,14 +70,27 @@ class Solid:
         """A solid body of about the part's mass and size."""
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         mass = part.mass * rng.uniform(0.7, 1.4)
-        spread = mass * turn @ np.diag((part.size * rng.uniform(0.15, 0.4, 3)) ** 2) @ turn.T
+        spread = (
+            mass * turn @ np.diag((part.size * rng.uniform(0.15, 0.4, 3)) ** 2) @ turn.T
+        )
         inertia = np.trace(spread) * np.eye(3) - spread
-        return Solid(round(mass, 4), (part.size * rng.uniform(-0.4, 0.4, 3)).round(4), inertia.round(7))
+        return Solid(
+            round(mass, 4),
+            (part.size * rng.uniform(-0.4, 0.4, 3)).round(4),
+            inertia.round(7),
+        )
 
     @property
     def moments(self) -> dict[str, float]:
         """By the names that URDF has for them."""
-        places = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+        places = {
+            "xx": (0, 0),
+            "yy": (1, 1),
+            "zz": (2, 2),
+            "xy": (0, 1),
+            "xz": (0, 2),
+            "yz": (1, 2),
+        }
         return {name: float(self.inertia[place]) for name, place in places.items()}
 
 
@@ -99,15 +120,21 @@ def mjcf(
     within = inside or {}
     tendons = "".join(
         f'<fixed name="{name}" {drive.attributes}>'
-        + "".join(f'<joint joint="{joint}" coef="{ratio}"/>' for joint, ratio in drive.ratios.items())
+        + "".join(
+            f'<joint joint="{joint}" coef="{ratio}"/>'
+            for joint, ratio in drive.ratios.items()
+        )
         + "</fixed>"
         for name, drive in drives.items()
         if drive.ratios
     )
     motors = "".join(
-        f'<motor name="{name}" {"tendon" if drive.ratios else "joint"}="{name}"/>' for name, drive in drives.items()
+        f'<motor name="{name}" {"tendon" if drive.ratios else "joint"}="{name}"/>'
+        for name, drive in drives.items()
     )
-    world = "".join(_body(part, parts, bodies, drives, within) for part in parts if not part.parent)
+    world = "".join(
+        _body(part, parts, bodies, drives, within) for part in parts if not part.parent
+    )
     return (
         '<mujoco model="robot"><compiler angle="radian"/>'
         f'<option gravity="{_text(gravity)}" timestep="0.0005" integrator="RK4" tolerance="1e-14" iterations="200"/>'
@@ -130,13 +157,19 @@ def _body(
     if part.joint == FREE:
         joint = f'<freejoint name="{part.name}"/>'
     elif part.axis is not None:
-        joint = f'<joint name="{part.joint}" axis="{_text(part.axis)}" {drive.attributes}/>'
+        joint = (
+            f'<joint name="{part.joint}" axis="{_text(part.axis)}" {drive.attributes}/>'
+        )
     moments = _text([body.moments[key] for key in ("xx", "yy", "zz", "xy", "xz", "yz")])
     return (
         f'<body name="{part.name}" pos="{_text(part.at)}">{joint}'
         f'<inertial pos="{_text(body.centre)}" mass="{body.mass}" fullinertia="{moments}"/>'
         f"{inside.get(part.name, '')}"
-        + "".join(_body(some, parts, bodies, drives, inside) for some in parts if some.parent == part.name)
+        + "".join(
+            _body(some, parts, bodies, drives, inside)
+            for some in parts
+            if some.parent == part.name
+        )
         + "</body>"
     )
 
@@ -152,7 +185,9 @@ def urdf(parts: Sequence[Part], bodies: Mapping[str, Solid]) -> str:
 def _links(parts: Sequence[Part], bodies: Mapping[str, Solid]) -> Iterator[str]:
     for part in parts:
         body = bodies[part.name]
-        moments = " ".join(f'i{name}="{value:.12g}"' for name, value in body.moments.items())
+        moments = " ".join(
+            f'i{name}="{value:.12g}"' for name, value in body.moments.items()
+        )
         yield (
             f'<link name="{part.name}"><inertial><origin xyz="{_text(body.centre)}"/><mass value="{body.mass}"/>'
             f"<inertia {moments}/></inertial></link>"
@@ -164,16 +199,27 @@ def _links(parts: Sequence[Part], bodies: Mapping[str, Solid]) -> Iterator[str]:
             )
 
 
-def described(parts: Sequence[Part], bodies: Mapping[str, Solid] | None) -> list[dict[str, Any]]:
+def described(
+    parts: Sequence[Part], bodies: Mapping[str, Solid] | None
+) -> list[dict[str, Any]]:
     """The bodies of a description, with inertial values or without."""
     found: list[dict[str, Any]] = []
     for part in parts:
         assert part.axis is not None
-        joint = {"name": part.joint, "type": "revolute", "axis": list(part.axis), "origin": {"xyz": list(part.at)}}
+        joint = {
+            "name": part.joint,
+            "type": "revolute",
+            "axis": list(part.axis),
+            "origin": {"xyz": list(part.at)},
+        }
         entry: dict[str, Any] = {"name": part.name, "joint": joint}
         entry |= {"parent": part.parent} if part.parent else {}
         if bodies is not None:
             body = bodies[part.name]
-            entry["inertial"] = {"mass": body.mass, "com": body.centre.tolist(), "inertia": body.moments}
+            entry["inertial"] = {
+                "mass": body.mass,
+                "com": body.centre.tolist(),
+                "inertia": body.moments,
+            }
         found.append(entry)
     return found

@@ -16,7 +16,13 @@ SIMULATED, LOGGED = 4000.0, 200.0
 
 
 def fourier(
-    rng: np.random.Generator, count: int, size: float, *, centre: float = 0.3, rate: float = RATE, harmonics: int = 8
+    rng: np.random.Generator,
+    count: int,
+    size: float,
+    *,
+    centre: float = 0.3,
+    rate: float = RATE,
+    harmonics: int = 8,
 ) -> tuple[Floats, Floats, Floats]:
     """Random periodic curves with their derivatives."""
     t = np.arange(round(PERIOD * rate)) / rate
@@ -34,16 +40,24 @@ def fourier(
 def derivative(values: Floats, order: int = 1) -> Floats:
     """Derivative of periodic curves, exact to rounding where they are smooth."""
     w = 2 * np.pi * np.fft.rfftfreq(len(values), 1 / RATE)
-    found: Floats = np.fft.irfft((1j * w[:, None]) ** order * np.fft.rfft(values, axis=0), len(values), axis=0)
+    found: Floats = np.fft.irfft(
+        (1j * w[:, None]) ** order * np.fft.rfft(values, axis=0), len(values), axis=0
+    )
     return found
 
 
 def floating(joints: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
-    place, turn, arms = (fourier(rng, count, size) for count, size in ((3, 0.5), (3, 0.8), (joints, 0.9)))
+    place, turn, arms = (
+        fourier(rng, count, size) for count, size in ((3, 0.5), (3, 0.8), (joints, 0.9))
+    )
     quaternions = np.zeros((len(turn[0]), 4))
     for quaternion, vector in zip(quaternions, turn[0], strict=True):
-        mujoco.mju_axisAngle2Quat(quaternion, vector / np.linalg.norm(vector), np.linalg.norm(vector))
-    speed, change = (2 * _product(quaternions, derivative(quaternions, order)) for order in (1, 2))
+        mujoco.mju_axisAngle2Quat(
+            quaternion, vector / np.linalg.norm(vector), np.linalg.norm(vector)
+        )
+    speed, change = (
+        2 * _product(quaternions, derivative(quaternions, order)) for order in (1, 2)
+    )
     return (
         np.hstack([place[0], quaternions, arms[0]]),
         np.hstack([place[1], speed, arms[1]]),
@@ -58,7 +72,9 @@ def _product(first: Floats, second: Floats) -> Floats:
     return found
 
 
-def closed(model: Any, independent: list[int], rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+def closed(
+    model: Any, independent: list[int], rng: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
     """All coordinates by Newton's iteration on MuJoCo's own residuals, from those that are chosen."""
     chosen = fourier(rng, len(independent), 0.35, centre=0.1)[0]
     dependent = [k for k in range(model.nq) if k not in independent]
@@ -67,7 +83,9 @@ def closed(model: Any, independent: list[int], rng: np.random.Generator) -> tupl
     for data.qpos[independent] in chosen:
         J, residual = closure(model, data)
         for _ in range(20):
-            data.qpos[dependent] -= np.linalg.lstsq(J[:, dependent], residual, rcond=None)[0]
+            data.qpos[dependent] -= np.linalg.lstsq(
+                J[:, dependent], residual, rcond=None
+            )[0]
             J, residual = closure(model, data)
             if np.abs(residual).max() < 1e-14:
                 break
@@ -79,5 +97,7 @@ def closed(model: Any, independent: list[int], rng: np.random.Generator) -> tupl
 def closure(model: Any, data: Any) -> tuple[Floats, Floats]:
     """Jacobian and residual of the constraints that close loops."""
     mujoco.mj_fwdPosition(model, data)
-    rows = np.flatnonzero(data.efc_type[: data.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    rows = np.flatnonzero(
+        data.efc_type[: data.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+    )
     return data.efc_J.reshape(-1, model.nv)[rows], data.efc_pos[rows].copy()

@@ -28,8 +28,13 @@ _FLAGS = {"keep_fixed_links": "--keep-fixed-links", "floating": "--floating"}
 
 def params(*robots: str) -> list[Any]:
     """Systems by what they came as (all by default); those beyond the first one are slow."""
-    names = [name for name, system in SYSTEMS.items() if not robots or system.robot in robots]
-    return [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in names]
+    names = [
+        name for name, system in SYSTEMS.items() if not robots or system.robot in robots
+    ]
+    return [
+        pytest.param(name, marks=() if name in QUICK else pytest.mark.slow)
+        for name in names
+    ]
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,9 @@ class Result:
     def fresh(self) -> Motion:
         """Some states of a new motion, where all joints are fast enough to tell which way friction acts."""
         motion = motion_of(self.system, FRESH)
-        fast = np.flatnonzero((np.abs(motion.qd[:, -len(self.system.rates.T) :]) > 0.15).all(axis=1))
+        fast = np.flatnonzero(
+            (np.abs(motion.qd[:, -len(self.system.rates.T) :]) > 0.15).all(axis=1)
+        )
         return motion.at(fast[:: len(fast) // 100])
 
     def text(self, name: str) -> str:
@@ -85,9 +92,12 @@ class Result:
     def effects(self, motion: Motion) -> Floats:
         """What effects contribute to the outputs, by the identified values."""
         values = [
-            0.0 if c.body is not None else v for c, v in zip(self.base.mechanism.columns, self.physical, strict=True)
+            0.0 if c.body is not None else v
+            for c, v in zip(self.base.mechanism.columns, self.physical, strict=True)
         ]
-        found: Floats = self.base.standard_regressor(*self.states(motion)) @ np.array(values)
+        found: Floats = self.base.standard_regressor(*self.states(motion)) @ np.array(
+            values
+        )
         return found
 
 
@@ -122,8 +132,12 @@ def assert_predicts(result: Result, predicted: Floats, times: float = 4.0) -> No
     motion = result.fresh
     ratio = rms(predicted - motion.y) / result.uncertainty(motion)
     assert (ratio < times).all(), ratio
-    assert (result.uncertainty(motion) < 0.05 * rms(motion.y - motion.y.mean(axis=0))).all()
+    assert (
+        result.uncertainty(motion) < 0.05 * rms(motion.y - motion.y.mean(axis=0))
+    ).all()
 
 
 def assert_same(found: Floats, expected: Floats, tolerance: float = 1e-9) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerance * np.abs(expected).max()
+    )

@@ -18,7 +18,16 @@ from echelon.logs.recording import Samples
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, load_setup
 from support.simulated_logs import write_log
-from support.simulated_models import FREE, Drive, Floats, Part, described, mjcf, solids, urdf
+from support.simulated_models import (
+    FREE,
+    Drive,
+    Floats,
+    Part,
+    described,
+    mjcf,
+    solids,
+    urdf,
+)
 from support.simulated_motions import LOGGED, RATE, SIMULATED, closed, floating, fourier
 
 TRUE, GUESSED = 1, 2
@@ -45,7 +54,12 @@ class Motion:
 
     def at(self, chosen: slice | npt.NDArray[np.int64]) -> Motion:
         """Some of the samples."""
-        return Motion(*(values[chosen] for values in (self.time, self.q, self.qd, self.qdd, self.y)))
+        return Motion(
+            *(
+                values[chosen]
+                for values in (self.time, self.q, self.qd, self.qdd, self.y)
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -93,8 +107,18 @@ class System:
 
     def mjcf(self, seed: int = TRUE) -> str:
         """The model as MuJoCo simulates it, or with guessed bodies and no friction."""
-        drives = self.drives if seed == TRUE else {n: Drive(ratios=d.ratios) for n, d in self.drives.items()}
-        return mjcf(self.parts, solids(self.parts, seed), drives, inside=self.inside, tail=self.tail)
+        drives = (
+            self.drives
+            if seed == TRUE
+            else {n: Drive(ratios=d.ratios) for n, d in self.drives.items()}
+        )
+        return mjcf(
+            self.parts,
+            solids(self.parts, seed),
+            drives,
+            inside=self.inside,
+            tail=self.tail,
+        )
 
     def write_setup(self, folder: Path, seed: int = GUESSED, **changes: Any) -> Path:
         """The set-up file, and the robot file that it refers to; returns its path."""
@@ -117,13 +141,29 @@ class System:
         return load_setup(self.write_setup(folder, seed, **changes), **self.reading)
 
     def log(
-        self, motion: Motion, path: Path, mechanism: Mechanism, seed: int | None = 0, positions: float = 0.0
+        self,
+        motion: Motion,
+        path: Path,
+        mechanism: Mechanism,
+        seed: int | None = 0,
+        positions: float = 0.0,
     ) -> Path:
         """A log of a motion with noise (none without a seed)."""
         rng = np.random.default_rng(seed)
-        y = motion.y if seed is None else motion.y + np.array(self.noise) * rng.standard_normal(motion.y.shape)
-        q = motion.q if seed is None else motion.q + positions * rng.standard_normal(motion.q.shape)
-        file, motors = path.with_suffix(f".{self.format}"), q[:, -self.rates.shape[1] :] @ self.rates.T
+        y = (
+            motion.y
+            if seed is None
+            else motion.y + np.array(self.noise) * rng.standard_normal(motion.y.shape)
+        )
+        q = (
+            motion.q
+            if seed is None
+            else motion.q + positions * rng.standard_normal(motion.q.shape)
+        )
+        file, motors = (
+            path.with_suffix(f".{self.format}"),
+            q[:, -self.rates.shape[1] :] @ self.rates.T,
+        )
         return write_log(file, motion.time, self._measured(q), y, mechanism, motors)
 
     # -- truth -----------------------------------------------------------------------------------------------------
@@ -131,28 +171,48 @@ class System:
     def truth(self, folder: Path) -> tuple[BaseModel, Floats]:
         """The base model, and the true standard parameters."""
         mechanism = self.load(folder, TRUE).mechanism
-        values = [0.0 if value is None else value for value in mechanism.standard_values()]
-        places = {effect.parameter: effect.actions[0].at for effect in mechanism.effects}
+        values = [
+            0.0 if value is None else value for value in mechanism.standard_values()
+        ]
+        places = {
+            effect.parameter: effect.actions[0].at for effect in mechanism.effects
+        }
         for k, column in enumerate(mechanism.columns):
             if column.body is None:
-                values[k] = self.drives[places[mechanism.parameters[k]]].value(mechanism.parameters[k])
+                values[k] = self.drives[places[mechanism.parameters[k]]].value(
+                    mechanism.parameters[k]
+                )
         return ec.base_parameters(mechanism), np.array(values)
 
     def samples(self, motion: Motion) -> Samples:
         """The exact motion as prepared samples, without those that are too slow to tell dry friction."""
-        states = (self._measured(values) for values in (motion.q, motion.qd, motion.qdd))
+        states = (
+            self._measured(values) for values in (motion.q, motion.qd, motion.qdd)
+        )
         moving = None
         if any(drive.coulomb for drive in self.drives.values()):
-            moving = np.abs(motion.qd @ self.rates.T) > SLOW * np.abs(self.rates).sum(axis=1)
-        return Samples(self.name, 0.0, 1 / (motion.time[1] - motion.time[0]), *states, motion.y, moving=moving)
+            moving = np.abs(motion.qd @ self.rates.T) > SLOW * np.abs(self.rates).sum(
+                axis=1
+            )
+        return Samples(
+            self.name,
+            0.0,
+            1 / (motion.time[1] - motion.time[0]),
+            *states,
+            motion.y,
+            moving=moving,
+        )
 
     @property
     def rates(self) -> Floats:
         """How fast drives turn per joint velocity, shape (drives, joints)."""
         joints = [part.joint for part in self.parts if part.joint]
-        return np.array([[d.ratios.get(j, float(j == n)) for j in joints] for n, d in self.drives.items()]).reshape(
-            len(self.drives), len(joints)
-        )
+        return np.array(
+            [
+                [d.ratios.get(j, float(j == n)) for j in joints]
+                for n, d in self.drives.items()
+            ]
+        ).reshape(len(self.drives), len(joints))
 
     def _measured(self, values: Floats) -> Floats:
         return values[:, list(self.independent)] if self.independent else values
@@ -182,20 +242,29 @@ class System:
         rng = np.random.default_rng(seed)
         joints = [part for part in self.parts if part.axis is not None]
         if self.independent:
-            return closed(mujoco.MjModel.from_xml_string(self.mjcf()), list(self.independent), rng)
+            return closed(
+                mujoco.MjModel.from_xml_string(self.mjcf()), list(self.independent), rng
+            )
         if any(part.joint == FREE for part in self.parts):
             return floating(len(joints), rng)
-        return fourier(rng, len(joints), 0.9, rate=SIMULATED if self.simulated else RATE)
+        return fourier(
+            rng, len(joints), 0.9, rate=SIMULATED if self.simulated else RATE
+        )
 
     def _forward(self, q: Floats, qd: Floats, qdd: Floats) -> Motion:
         """A controller with feed-forward follows the reference; what is kept are the states that it reached."""
         model = mujoco.MjModel.from_xml_string(self.mjcf())
         data = mujoco.MjData(model)
-        wanted, drives = self.inverse(self.mjcf(), q, qd, qdd), np.linalg.inv(self.rates.T)
+        wanted, drives = (
+            self.inverse(self.mjcf(), q, qd, qdd),
+            np.linalg.inv(self.rates.T),
+        )
 
         def control(_: Any, state: Any) -> None:
             k = min(round(state.time * SIMULATED), len(q) - 1)
-            state.ctrl[:] = wanted[k] + drives @ (20 * (q[k] - state.qpos) + 2 * (qd[k] - state.qvel))
+            state.ctrl[:] = wanted[k] + drives @ (
+                20 * (q[k] - state.qpos) + 2 * (qd[k] - state.qvel)
+            )
 
         data.qpos[:], data.qvel[:] = q[0], qd[0]
         kept = []
@@ -205,7 +274,15 @@ class System:
             for step in range(len(q) // 2):
                 if step % round(1 / LOGGED / model.opt.timestep) == 0:
                     mujoco.mj_forward(model, data)
-                    kept.append((data.time, data.qpos.copy(), data.qvel.copy(), data.qacc.copy(), data.ctrl.copy()))
+                    kept.append(
+                        (
+                            data.time,
+                            data.qpos.copy(),
+                            data.qvel.copy(),
+                            data.qacc.copy(),
+                            data.ctrl.copy(),
+                        )
+                    )
                 mujoco.mj_step(model, data)
         finally:
             mujoco.set_mjcb_control(None)

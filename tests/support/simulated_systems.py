@@ -35,7 +35,9 @@ def forces_and_sensors(model: Any, data: Any) -> Floats:
 def motor_torques(model: Any, data: Any) -> Floats:
     """Torques of drives that are tendons, τ_q = Tᵀ τ_θ."""
     ratios = np.zeros((model.ntendon, model.nv))
-    for row, (first, count) in enumerate(zip(model.tendon_adr, model.tendon_num, strict=True)):
+    for row, (first, count) in enumerate(
+        zip(model.tendon_adr, model.tendon_num, strict=True)
+    ):
         wrapped = slice(first, first + count)
         ratios[row, model.wrap_objid[wrapped]] = model.wrap_prm[wrapped]
     return np.linalg.solve(ratios.T, data.qfrc_inverse)
@@ -46,7 +48,10 @@ def crank_torques(independent: Sequence[int]) -> Measure:
 
     def measure(model: Any, data: Any) -> Floats:
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
-        forces, dependent = np.array(data.qfrc_inverse), [k for k in range(model.nv) if k not in independent]
+        forces, dependent = (
+            np.array(data.qfrc_inverse),
+            [k for k in range(model.nv) if k not in independent],
+        )
         J = closure(model, data)[0]
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
         G = -np.linalg.lstsq(J[:, dependent], J[:, list(independent)], rcond=None)[0]
@@ -59,7 +64,11 @@ def crank_torques(independent: Sequence[int]) -> Measure:
 # -- the systems -------------------------------------------------------------------------------------------------------
 
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_FRICTION = [{"type": "viscous", "at": "all"}, {"type": "coulomb", "at": "all"}, {"type": "rotor_inertia", "at": "all"}]
+_FRICTION = [
+    {"type": "viscous", "at": "all"},
+    {"type": "coulomb", "at": "all"},
+    {"type": "rotor_inertia", "at": "all"},
+]
 
 
 def _arm() -> System:
@@ -105,7 +114,10 @@ def _floats() -> System:
         {},
         (1.0, 1.2, 0.8, 0.2, 0.3, 0.25, 0.1, 0.05, 0.12, 0.02),
         "urdf",
-        {"effects": "none", "log": {"time": "time", "position": "{name}", "output": "force.{name}"}},
+        {
+            "effects": "none",
+            "log": {"time": "time", "position": "{name}", "output": "force.{name}"},
+        },
         "parquet",
         joint_forces,
         reading={"floating": True},
@@ -125,10 +137,16 @@ def _five_bar() -> System:
         (0.05, 0.12),
         "mjcf",
         {
-            "effects": [{"type": kind, "at": ["drive1", "drive2"]} for kind in ("viscous", "rotor_inertia")],
+            "effects": [
+                {"type": kind, "at": ["drive1", "drive2"]}
+                for kind in ("viscous", "rotor_inertia")
+            ],
             "log": {
                 "time": {"column": "stamp", "unit": "ms"},
-                "position": {"drive1": "angle[0]", "drive2": {"column": "angle[1]", "scale": "-1", "offset": "0.25"}},
+                "position": {
+                    "drive1": "angle[0]",
+                    "drive2": {"column": "angle[1]", "scale": "-1", "offset": "0.25"},
+                },
                 "output": {"drive1": "torque[0]", "drive2": "torque[1]"},
             },
         },
@@ -156,18 +174,27 @@ def _wrist() -> System:
             "effects": "none",
             "outputs": [
                 {"joint": "all"},
-                {"wrench": "tool", "name": "ft", "frame": {"xyz": [0, 0, "0.02"], "rpy": [0, 0, "pi/4"]}},
+                {
+                    "wrench": "tool",
+                    "name": "ft",
+                    "frame": {"xyz": [0, 0, "0.02"], "rpy": [0, 0, "pi/4"]},
+                },
             ],
             "log": {
                 "time": "t",
                 "position": "q{n}",
-                "output": {"all": "tau_{name}", **{f"ft.{c}": f"wrench[{k}]" for k, c in enumerate(_COMPONENTS)}},
+                "output": {
+                    "all": "tau_{name}",
+                    **{f"ft.{c}": f"wrench[{k}]" for k, c in enumerate(_COMPONENTS)},
+                },
             },
         },
         "mat",
         forces_and_sensors,
         reading={"keep_fixed_links": True},
-        inside={"tool": '<site name="ft" pos="0 0 0.02" euler="0 0 0.785398163397448279"/>'},
+        inside={
+            "tool": '<site name="ft" pos="0 0 0.02" euler="0 0 0.785398163397448279"/>'
+        },
         tail='<sensor><force site="ft"/><torque site="ft"/></sensor>',
     )
 
@@ -194,13 +221,27 @@ def _geared() -> System:
         (0.01, 0.015, 0.003, 0.002),
         "mjcf",
         {
-            "actuators": {"m1": "50*j1", "m2": "-60*j2", "m3": "40*j3", "m4": "30*j3 + 25*j4"},
+            "actuators": {
+                "m1": "50*j1",
+                "m2": "-60*j2",
+                "m3": "40*j3",
+                "m4": "30*j3 + 25*j4",
+            },
             "effects": _FRICTION,
             "log": {
-                "position": {"actuators": {"column": "/motors/position/{name}", "unit": "deg"}},
+                "position": {
+                    "actuators": {"column": "/motors/position/{name}", "unit": "deg"}
+                },
                 "output": {"actuators": {"column": "/motors/effort/{name}", **scaled}},
             },
-            "preparation": {"still": {"m1": 50 * SLOW, "m2": 60 * SLOW, "m3": 40 * SLOW, "m4": 55 * SLOW}},
+            "preparation": {
+                "still": {
+                    "m1": 50 * SLOW,
+                    "m2": 60 * SLOW,
+                    "m3": 40 * SLOW,
+                    "m4": 55 * SLOW,
+                }
+            },
         },
         "mcap",
         motor_torques,
@@ -208,12 +249,19 @@ def _geared() -> System:
     )
 
 
-SYSTEMS: dict[str, System] = {system.name: system for system in (_arm(), _floats(), _five_bar(), _wrist(), _geared())}
+SYSTEMS: dict[str, System] = {
+    system.name: system
+    for system in (_arm(), _floats(), _five_bar(), _wrist(), _geared())
+}
 
 
 def motion_of(system: System, seed: int = 11) -> Motion:
     """A motion of a system, simulated once."""
-    return _motion(system.name, seed) if SYSTEMS.get(system.name) is system else system.motion(seed)
+    return (
+        _motion(system.name, seed)
+        if SYSTEMS.get(system.name) is system
+        else system.motion(seed)
+    )
 
 
 @cache

@@ -15,7 +15,11 @@ LIGHT, DARK, PHONE = (1400, 900, False), (1400, 900, True), (400, 800, False)
 
 
 def audited(
-    folder: Path, profile: Path, pages: list[str], screen: tuple[int, int, bool] = LIGHT, act: str = NOTHING_MORE
+    folder: Path,
+    profile: Path,
+    pages: list[str],
+    screen: tuple[int, int, bool] = LIGHT,
+    act: str = NOTHING_MORE,
 ) -> tuple[dict[str, dict[str, Any]], list[str]]:
     """What is wrong with each page, with what a function of the test adds, and all paths that were asked for."""
     found = {}
@@ -25,7 +29,11 @@ def audited(
             found[page] = audit(browser, act)
         assert browser.said == []
         own = f"http://127.0.0.1:{port}"
-        return found, [url.removeprefix(own) for url in browser.urls if not url.startswith(("about:", "data:"))]
+        return found, [
+            url.removeprefix(own)
+            for url in browser.urls
+            if not url.startswith(("about:", "data:"))
+        ]
 
 
 def audit(browser: DevTools, act: str = NOTHING_MORE) -> dict[str, Any]:
@@ -38,8 +46,16 @@ def complaints(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """The pages with something that a reader would stumble over."""
     wrong = {}
     for path, page in found.items():
-        bad = {key: page[key] for key in ("unlabelled", "nameless", "pictures", "faint", "unreachable") if page[key]}
-        bad |= {} if page["title"] and page["lang"] == "en" and page["headings"] == 1 else {"head": page["title"]}
+        bad = {
+            key: page[key]
+            for key in ("unlabelled", "nameless", "pictures", "faint", "unreachable")
+            if page[key]
+        }
+        bad |= (
+            {}
+            if page["title"] and page["lang"] == "en" and page["headings"] == 1
+            else {"head": page["title"]}
+        )
         bad |= {} if page["wide"] <= page["room"] else {"wide": page["wide"]}
         if bad:
             wrong[path] = bad

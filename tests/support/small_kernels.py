@@ -45,32 +45,54 @@ def function(
     for name, size in {**varying, **(uniform or {})}.items():
         shared = name in (uniform or {})
         labels = tuple(f"{name}{k}" for k in range(size))
-        scalars = [program.input(label, "symbol" if shared else "state") for label in labels]
+        scalars = [
+            program.input(label, "symbol" if shared else "state") for label in labels
+        ]
         nodes = tuple(scalar.node for scalar in scalars)
         arguments.append(Argument(name, nodes, labels, ("1",) * size, uniform=shared))
         given.append(scalars)
     made = record(*given)
-    entries = dict(made) if isinstance(made, Mapping) else {(k,): value for k, value in enumerate(made)}
+    entries = (
+        dict(made)
+        if isinstance(made, Mapping)
+        else {(k,): value for k, value in enumerate(made)}
+    )
     axes = (len(entries),) if shape is None else shape
     names = tuple(tuple(map(str, range(size))) for size in axes)
-    return Function("tested", program, tuple(arguments), {i: value.node for i, value in entries.items()}, names)
+    return Function(
+        "tested",
+        program,
+        tuple(arguments),
+        {i: value.node for i, value in entries.items()},
+        names,
+    )
 
 
 def by_numpy(
-    made: Function, values: Mapping[str, npt.ArrayLike], arithmetic: FloatArithmetic | None = None
+    made: Function,
+    values: Mapping[str, npt.ArrayLike],
+    arithmetic: FloatArithmetic | None = None,
 ) -> FloatArray:
     """The function's values, shape (samples, ...).
 
     Those of uniform arguments have one axis, others the axis of samples before it.
     """
     arithmetic = arithmetic or FloatArithmetic()
-    samples = max((len(np.atleast_2d(values[a.name])) for a in made.arguments if not a.uniform), default=1)
+    samples = max(
+        (len(np.atleast_2d(values[a.name])) for a in made.arguments if not a.uniform),
+        default=1,
+    )
     leaves: dict[int, FloatArray] = {}
     for argument in made.arguments:
-        columns = np.broadcast_to(np.asarray(values[argument.name], dtype=arithmetic.dtype), (samples, len(argument)))
+        columns = np.broadcast_to(
+            np.asarray(values[argument.name], dtype=arithmetic.dtype),
+            (samples, len(argument)),
+        )
         leaves |= dict(zip(argument.nodes, columns.T, strict=True))
     schedule = Schedule(made.program, made.outputs)
-    found = schedule.run(arithmetic, {node: leaves[node] for node in schedule.leaves}, samples)
+    found = schedule.run(
+        arithmetic, {node: leaves[node] for node in schedule.leaves}, samples
+    )
     result = np.zeros((samples, *made.shape), dtype=arithmetic.dtype)
     for index, value in zip(made.entries, found, strict=True):
         result[(slice(None), *index)] = value
@@ -102,7 +124,9 @@ class Fences:
         self._made.append((around, within))
         return around[within].reshape(shape)
 
-    def aligned(self, shape: tuple[int, ...], *, zero: bool = False, boundary: int = 64) -> FloatArray:
+    def aligned(
+        self, shape: tuple[int, ...], *, zero: bool = False, boundary: int = 64
+    ) -> FloatArray:
         """In place of :func:`echelon.machine.kernel.aligned`; kernels only rely on whole cache lines."""
         assert boundary % 64 == 0
         found = self.array(shape)

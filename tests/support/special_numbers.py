@@ -21,7 +21,16 @@ LENGTHS = ("0.11", "0.17", "0.23", "0.31", "0.43")
 ANGLES = ("0.32", "0.4", "0.63", "0.76", "1.04", "1.12")
 """Neither these, nor sums of up to three of them, come near multiples of 15°."""
 
-KINDS = ("revolute", "prismatic", "helical", "cylindrical", "universal", "spherical", "planar", "floating")
+KINDS = (
+    "revolute",
+    "prismatic",
+    "helical",
+    "cylindrical",
+    "universal",
+    "spherical",
+    "planar",
+    "floating",
+)
 DIRECTIONS = ("x", "y", "z")
 
 
@@ -101,7 +110,12 @@ class Robot:
                 waiting.append(Place(values(link.xyz), values(link.rpy)))
                 if link.kind != "fixed":
                     pitch = link.pitch.intended if intended else link.pitch.literal
-                    bodies.append(Body(len(bodies) - 1, (*waiting, *moves(link.kind, values(link.axis), pitch))))
+                    bodies.append(
+                        Body(
+                            len(bodies) - 1,
+                            (*waiting, *moves(link.kind, values(link.axis), pitch)),
+                        )
+                    )
                     waiting = []
             return truth.rank(bodies, values(self.gravity))
 
@@ -141,13 +155,22 @@ class Robot:
 
         bodies = []
         for k, link in enumerate(self.links):
-            axis = next((name for name, known in AXES.items() if known == link.axis), entries(link.axis))
-            keys = "" if link.kind in ("fixed", "spherical", "floating") else f", axis: {axis}"
+            axis = next(
+                (name for name, known in AXES.items() if known == link.axis),
+                entries(link.axis),
+            )
+            keys = (
+                ""
+                if link.kind in ("fixed", "spherical", "floating")
+                else f", axis: {axis}"
+            )
             keys += f", pitch: {entry(link.pitch)}" if link.kind == "helical" else ""
             keys += f", axis2: {_next(axis)}" if link.kind == "universal" else ""
             origin = f"{{xyz: {entries(link.xyz)}, rpy: {entries(link.rpy)}}}"
             parent = f", parent: l{k - 1}" if k else ""
-            bodies.append(f"  - {{name: l{k}{parent}, joint: {{type: {link.kind}{keys}, origin: {origin}}}}}")
+            bodies.append(
+                f"  - {{name: l{k}{parent}, joint: {{type: {link.kind}{keys}, origin: {origin}}}}}"
+            )
         gravity = entries(self.gravity)
         stated = ", ".join(f"{name}: {value}" for name, value in symbols.items())
         head = f"echelon: 1\nname: {self.family}\nsymbols: {{{stated}}}\ngravity: {gravity}\nbodies:\n"
@@ -165,12 +188,21 @@ def _next(axis: str) -> str:
 def moves(kind: str, axis: Vec, pitch: arb) -> list[Move]:
     """The freedoms of a joint, one after another; balls as three turns, which see the same at random angles."""
     x, y, z = vector(1, 0, 0), vector(0, 1, 0), vector(0, 0, 1)
-    slides, turns = [Move(d, False, arb(1)) for d in (x, y, z)], [Move(d, True) for d in (x, y, z)]
+    slides, turns = (
+        [Move(d, False, arb(1)) for d in (x, y, z)],
+        [Move(d, True) for d in (x, y, z)],
+    )
     if kind == "planar":
         # two directions in the plane: any that are perpendicular to the normal
-        first = truth.cross(axis, x if not axis[1].is_zero() or not axis[2].is_zero() else y)
+        first = truth.cross(
+            axis, x if not axis[1].is_zero() or not axis[2].is_zero() else y
+        )
         second = truth.cross(axis, first)
-        return [Move(first, False, arb(1)), Move(second, False, arb(1)), Move(axis, True)]
+        return [
+            Move(first, False, arb(1)),
+            Move(second, False, arb(1)),
+            Move(axis, True),
+        ]
     return {
         "revolute": [Move(axis, True)],
         "continuous": [Move(axis, True)],
@@ -212,7 +244,9 @@ class Dice:
 
     def general(self, kind: str = "revolute") -> Link:
         """A joint in no special place."""
-        return Link(kind, self.lengths(), triple(self.angle(), self.angle(), self.angle()))
+        return Link(
+            kind, self.lengths(), triple(self.angle(), self.angle(), self.angle())
+        )
 
     def first(self) -> Link:
         """A first joint, along gravity or across it."""
@@ -244,13 +278,17 @@ def degrees(value: int, digits: int) -> Written:
 
 def zeros(dice: Dice) -> Robot:
     """Joints of all types; some symbols have the value zero."""
-    return _described("zeros", dice, lambda _: "0" if dice.yes(0.6) else dice.pick(LENGTHS))
+    return _described(
+        "zeros", dice, lambda _: "0" if dice.yes(0.6) else dice.pick(LENGTHS)
+    )
 
 
 def equals(dice: Dice) -> Robot:
     """Joints of all types; symbols of few different values, of both signs."""
     pool = dice.pick(LENGTHS), dice.pick(LENGTHS)
-    return _described("equals", dice, lambda _: ("-" if dice.yes() else "") + dice.pick(pool))
+    return _described(
+        "equals", dice, lambda _: ("-" if dice.yes() else "") + dice.pick(pool)
+    )
 
 
 def _described(family: str, dice: Dice, value: Callable[[str], str]) -> Robot:
@@ -258,15 +296,27 @@ def _described(family: str, dice: Dice, value: Callable[[str], str]) -> Robot:
         return replace(plain(value(name)), symbol=name)
 
     right = Written("pi/2", HALF, HALF)
-    mostly = ("revolute", "revolute", "prismatic") if dice.yes() else KINDS  # in chains of such, special numbers matter
+    mostly = (
+        ("revolute", "revolute", "prismatic") if dice.yes() else KINDS
+    )  # in chains of such, special numbers matter
     links = []
     for k in range(2 + dice.rng.integers(3)):
         kind = dice.pick(mostly)
-        xyz = triple(*(symbol(f"{axis}{k}") if dice.yes(0.7) else ZERO for axis in DIRECTIONS))
+        xyz = triple(
+            *(symbol(f"{axis}{k}") if dice.yes(0.7) else ZERO for axis in DIRECTIONS)
+        )
         options = [ZERO, right, right, dice.angle()]
         rpy = triple(options[dice.rng.integers(4)], options[dice.rng.integers(3)])
         pitch = replace(plain("0.05"), symbol=f"h{k}")
-        links.append(Link(kind, xyz if k else triple(), rpy if k else triple(), AXES[dice.pick(DIRECTIONS)], pitch))
+        links.append(
+            Link(
+                kind,
+                xyz if k else triple(),
+                rpy if k else triple(),
+                AXES[dice.pick(DIRECTIONS)],
+                pitch,
+            )
+        )
     return Robot(family, tuple(links), described=True)
 
 
@@ -279,9 +329,16 @@ def tables(dice: Dice) -> Robot:
     for k in range(2 + dice.rng.integers(2)):
         for row in range(2 if dice.yes(0.3) else 1):
             a = replace(plain(dice.pick(pool)), symbol=f"a{k}{row}")
-            links.append(Link("fixed", triple(a), triple(quarters[dice.rng.integers(5)])))
+            links.append(
+                Link("fixed", triple(a), triple(quarters[dice.rng.integers(5)]))
+            )
         d = replace(plain(dice.pick(pool)), symbol=f"d{k}")
-        links.append(Link(dice.pick(("revolute", "revolute", "revolute", "prismatic")), triple(z=d)))
+        links.append(
+            Link(
+                dice.pick(("revolute", "revolute", "revolute", "prismatic")),
+                triple(z=d),
+            )
+        )
     return Robot("tables", tuple(links), described=True)
 
 
@@ -298,7 +355,11 @@ def lengths_that_cancel(dice: Dice) -> Robot:
         links = [Link("revolute"), *fixed, Link("revolute", turn(along, steps[2]))]
     else:
         aside = turn(along, dice.angle())
-        links = [dice.first(), *fixed, Link("revolute", turn(along, steps[2]), aside, AXES[dice.pick(DIRECTIONS)])]
+        links = [
+            dice.first(),
+            *fixed,
+            Link("revolute", turn(along, steps[2]), aside, AXES[dice.pick(DIRECTIONS)]),
+        ]
     return Robot("lengths", (*links, *dice.end()), described=described)
 
 
@@ -307,7 +368,11 @@ def angles_that_cancel(dice: Dice) -> Robot:
     along = dice.pick(("x", "y"))
     a, b = dice.angle(), dice.angle()
     chain = [Link("fixed", dice.lengths(), turn(along, x)) for x in (a, b)]
-    parallel = Link(dice.pick(("revolute", "prismatic")), dice.lengths(), turn(along, negative(total(a, b))))
+    parallel = Link(
+        dice.pick(("revolute", "prismatic")),
+        dice.lengths(),
+        turn(along, negative(total(a, b))),
+    )
     return Robot("angles", (dice.first(), *chain, parallel, *dice.end()))
 
 
@@ -316,9 +381,22 @@ def halves(dice: Dice) -> Robot:
     along = dice.pick(("x", "y"))
     part = plain(dice.pick(("0.16", "0.2", "0.38", "0.52")))
     whole = negative(total(part, part))
-    links = [Link("fixed", dice.lengths(), turn(along, whole)), Link("fixed", dice.lengths(), turn(along, part))]
-    inner = [Link("revolute", dice.lengths(), axis=AXES[along])] if dice.yes(0.3) else []
-    return Robot("halves", (dice.first(), *links, *inner, Link("revolute", dice.lengths(), turn(along, part))))
+    links = [
+        Link("fixed", dice.lengths(), turn(along, whole)),
+        Link("fixed", dice.lengths(), turn(along, part)),
+    ]
+    inner = (
+        [Link("revolute", dice.lengths(), axis=AXES[along])] if dice.yes(0.3) else []
+    )
+    return Robot(
+        "halves",
+        (
+            dice.first(),
+            *links,
+            *inner,
+            Link("revolute", dice.lengths(), turn(along, part)),
+        ),
+    )
 
 
 def right_angles(dice: Dice) -> Robot:
@@ -337,13 +415,29 @@ def wrists(dice: Dice) -> Robot:
     tilt, reach = dice.angle(), dice.length()
     with flint.ctx.workprec(BITS):
         axis = vector(*(int(along == name) for name in DIRECTIONS))
-        out = triple(*(rounded(x, digits) for x in truth.rotation(axis, tilt.intended) @ vector(0, 0, reach.intended)))
+        out = triple(
+            *(
+                rounded(x, digits)
+                for x in truth.rotation(axis, tilt.intended)
+                @ vector(0, 0, reach.intended)
+            )
+        )
     last = turn("y" if along == "x" else "x", dice.angle())
     if dice.yes():  # an axis that stands out there, aims at the centre, and the next one in the centre
-        links = [Link("revolute", out, turn(along, tilt)), Link("revolute", triple(z=negative(reach)), last)]
+        links = [
+            Link("revolute", out, turn(along, tilt)),
+            Link("revolute", triple(z=negative(reach)), last),
+        ]
     else:  # out and back without a joint, to the first axis again
-        links = [Link("fixed", out, turn(along, tilt)), Link("fixed", triple(z=negative(reach)))]
-        links.append(Link(dice.pick(("revolute", "cylindrical")), rpy=turn(along, negative(tilt))))
+        links = [
+            Link("fixed", out, turn(along, tilt)),
+            Link("fixed", triple(z=negative(reach))),
+        ]
+        links.append(
+            Link(
+                dice.pick(("revolute", "cylindrical")), rpy=turn(along, negative(tilt))
+            )
+        )
         links.append(Link("revolute", dice.lengths(), last))
     described = any(link.kind == "cylindrical" for link in links)
     return Robot("wrists", (Link("revolute"), *links), described=described)
@@ -362,8 +456,17 @@ def slanted(dice: Dice) -> Robot:
         ]
     count = 2 if dice.yes() else 3
     order = dice.rng.permutation(3)[:count]
-    links = [Link(dice.pick(("revolute", "revolute", "prismatic")), dice.lengths(), axis=ways[k]) for k in order]
-    return Robot("slanted", (*(replace(x, xyz=dice.lengths()) for x in links), *dice.end()))
+    links = [
+        Link(
+            dice.pick(("revolute", "revolute", "prismatic")),
+            dice.lengths(),
+            axis=ways[k],
+        )
+        for k in order
+    ]
+    return Robot(
+        "slanted", (*(replace(x, xyz=dice.lengths()) for x in links), *dice.end())
+    )
 
 
 def slanted_exactly(dice: Dice) -> Robot:
@@ -374,14 +477,20 @@ def slanted_exactly(dice: Dice) -> Robot:
     for k in dice.rng.permutation(4)[:2]:
         axis = triple(*(plain(str(float(factors[k] * int(x)))) for x in whole))
         links.append(Link("revolute", dice.lengths(), axis=axis))
-    return Robot("slanted exactly", (dice.first(), *links) if dice.yes() else (*links, *dice.end()))
+    return Robot(
+        "slanted exactly",
+        (dice.first(), *links) if dice.yes() else (*links, *dice.end()),
+    )
 
 
 def gravity(dice: Dice) -> Robot:
     """A first axis along gravity that no coordinate axis is: tilted back, or a slanted direction of whole numbers."""
     if dice.yes():
         along, angle = dice.pick(("x", "y")), dice.angle()
-        chain = [Link("fixed", rpy=turn(along, angle)), Link("fixed", rpy=turn(along, negative(angle)))]
+        chain = [
+            Link("fixed", rpy=turn(along, angle)),
+            Link("fixed", rpy=turn(along, negative(angle))),
+        ]
         return Robot("gravity", (*chain, Link("revolute"), dice.general(), *dice.end()))
     axis = triple(plain("1"), plain("2"), plain("2"))
     down = triple(*(plain(x) for x in ("-3.27", "-6.54", "-6.54")))
@@ -396,19 +505,31 @@ def undone(dice: Dice) -> Robot:
     with flint.ctx.workprec(BITS):
         inverse = Place(vector(0, 0, 0), vector(*(x.intended for x in rpy))).matrix.T
         roll = arb.atan2(inverse[2, 1], inverse[2, 2])
-        pitch = arb.atan2(-inverse[2, 0], (inverse[2, 1] ** 2 + inverse[2, 2] ** 2).sqrt())
+        pitch = arb.atan2(
+            -inverse[2, 0], (inverse[2, 1] ** 2 + inverse[2, 2] ** 2).sqrt()
+        )
         yaw = arb.atan2(inverse[1, 0], inverse[0, 0])
         back = triple(*(rounded(x, digits) for x in (roll, pitch, yaw)))
     there = Link("fixed", dice.lengths(), rpy)
-    return Robot("undone", (dice.first(), there, Link("revolute", dice.lengths(), back), *dice.end()))
+    return Robot(
+        "undone",
+        (dice.first(), there, Link("revolute", dice.lengths(), back), *dice.end()),
+    )
 
 
 def undone_exactly(dice: Dice) -> Robot:
     """A general turn undone one angle after another, in decimals: parallel axes, literally."""
     angles = dice.angle(), dice.angle(), dice.angle()
     there = [Link("fixed", dice.lengths(), triple(*angles))]
-    back = [Link("fixed", rpy=turn(d, negative(x))) for d, x in zip(DIRECTIONS[:2], angles[:2], strict=True)]
-    last = Link(dice.pick(("revolute", "prismatic")), dice.lengths(), turn("z", negative(angles[2])))
+    back = [
+        Link("fixed", rpy=turn(d, negative(x)))
+        for d, x in zip(DIRECTIONS[:2], angles[:2], strict=True)
+    ]
+    last = Link(
+        dice.pick(("revolute", "prismatic")),
+        dice.lengths(),
+        turn("z", negative(angles[2])),
+    )
     return Robot("undone exactly", (dice.first(), *there, *back, last, *dice.end()))
 
 
@@ -419,14 +540,27 @@ def files(dice: Dice) -> Robot:
     links = []
     for k in range(3 + dice.rng.integers(2)):
         rpy = turn(dice.pick(("x", "y")), quarter if dice.yes(0.7) else dice.angle())
-        links.append(Link(dice.pick(kinds if k else kinds[:3]), dice.lengths(), rpy, AXES[dice.pick(DIRECTIONS)]))
-    links = [replace(x, kind="fixed") if x.kind == "floating" and k == 0 else x for k, x in enumerate(links)]
+        links.append(
+            Link(
+                dice.pick(kinds if k else kinds[:3]),
+                dice.lengths(),
+                rpy,
+                AXES[dice.pick(DIRECTIONS)],
+            )
+        )
+    links = [
+        replace(x, kind="fixed") if x.kind == "floating" and k == 0 else x
+        for k, x in enumerate(links)
+    ]
     return Robot("files", tuple(links))
 
 
 def general(dice: Dice) -> Robot:
     """Nothing special at all."""
-    return Robot("general", (dice.first(), dice.general(dice.pick(("revolute", "prismatic"))), *dice.end()))
+    return Robot(
+        "general",
+        (dice.first(), dice.general(dice.pick(("revolute", "prismatic"))), *dice.end()),
+    )
 
 
 FAMILIES: dict[str, Callable[[Dice], Robot]] = {

@@ -25,8 +25,18 @@ def table(pattern: npt.ArrayLike) -> Function:
     labels = tuple(f"{i},{j}" for i, j in places)
     argument = Argument("x", nodes, labels, ("",) * len(nodes))
     m, n = np.shape(pattern)
-    axes = (tuple(f"joint{i + 1}" for i in range(m)), tuple(f"p{j + 1}" for j in range(n)))
-    return Function("table", program, (argument,), dict(zip(places, nodes, strict=True)), axes, ("N·m",) * m)
+    axes = (
+        tuple(f"joint{i + 1}" for i in range(m)),
+        tuple(f"p{j + 1}" for j in range(n)),
+    )
+    return Function(
+        "table",
+        program,
+        (argument,),
+        dict(zip(places, nodes, strict=True)),
+        axes,
+        ("N·m",) * m,
+    )
 
 
 def data_of(W: Floats, y: Floats, pattern: npt.ArrayLike) -> dict[str, Floats]:
@@ -40,7 +50,11 @@ def random_problem(
     """W of shape (N, m, n) with structural zeros, parameters, and measured outputs."""
     W = rng.standard_normal((samples, *np.shape(pattern))) * pattern
     parameters = rng.standard_normal(np.shape(pattern)[1])
-    return W, parameters, W @ parameters + noise * rng.standard_normal((samples, len(pattern)))
+    return (
+        W,
+        parameters,
+        W @ parameters + noise * rng.standard_normal((samples, len(pattern))),
+    )
 
 
 def observer(pattern: npt.ArrayLike, **options: Any) -> Observer:

@@ -24,11 +24,15 @@ rationals = integers | st.fractions(-9, 9, max_denominator=12)
 numbers = rationals | st.builds(surd, rationals, rationals, rationals, rationals)
 
 
-def polynomials(*generators: str, coefficients: st.SearchStrategy[Any] = numbers) -> st.SearchStrategy[Polynomial]:
+def polynomials(
+    *generators: str, coefficients: st.SearchStrategy[Any] = numbers
+) -> st.SearchStrategy[Polynomial]:
     """Sums of up to three products of up to three generators."""
     factor = st.sampled_from(generators).map(Polynomial.generator)
     constant = coefficients.map(Polynomial.constant)
-    term = st.builds(lambda c, factors: reduce(operator.mul, factors, c), constant, _few(factor))
+    term = st.builds(
+        lambda c, factors: reduce(operator.mul, factors, c), constant, _few(factor)
+    )
     return _few(term).map(Polynomial.sum)
 
 
@@ -46,19 +50,29 @@ _OPERATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def formulas(*names: str, constants: st.SearchStrategy[Any] = rationals) -> st.SearchStrategy[Any]:
+def formulas(
+    *names: str, constants: st.SearchStrategy[Any] = rationals
+) -> st.SearchStrategy[Any]:
     """Random formulas."""
     leaves = st.sampled_from(names) | constants
-    return st.recursive(leaves, lambda inner: st.tuples(st.sampled_from("+-*/"), inner, inner), max_leaves=12)
+    return st.recursive(
+        leaves,
+        lambda inner: st.tuples(st.sampled_from("+-*/"), inner, inner),
+        max_leaves=12,
+    )
 
 
-def calculate(formula: Any, values: Mapping[str, Any], number: Callable[[Any], Any]) -> Any:
+def calculate(
+    formula: Any, values: Mapping[str, Any], number: Callable[[Any], Any]
+) -> Any:
     """Value of a formula over anything that has the four operations."""
     if isinstance(formula, str):
         return values[formula]
     if not isinstance(formula, tuple):
         return number(formula)
-    return _OPERATIONS[formula[0]](*(calculate(part, values, number) for part in formula[1:]))
+    return _OPERATIONS[formula[0]](
+        *(calculate(part, values, number) for part in formula[1:])
+    )
 
 
 # -- in sympy ---------------------------------------------------------------------------------------------------------
@@ -67,10 +81,16 @@ def calculate(formula: Any, values: Mapping[str, Any], number: Callable[[Any], A
 def in_sympy(x: Number | Polynomial) -> Any:
     """An exact number or polynomial, term by term."""
     if isinstance(x, Polynomial):
-        terms = (in_sympy(c) * sympy.prod(_generator(g) ** e for g, e in m) for m, c in x.terms.items())
+        terms = (
+            in_sympy(c) * sympy.prod(_generator(g) ** e for g, e in m)
+            for m, c in x.terms.items()
+        )
         return sum(terms, sympy.S.Zero)
     parts = zip(map(Fraction, parts_of(x)), (1, 2, 3, 6), strict=True)
-    return sum(sympy.Rational(part.numerator, part.denominator) * sympy.sqrt(r) for part, r in parts)
+    return sum(
+        sympy.Rational(part.numerator, part.denominator) * sympy.sqrt(r)
+        for part, r in parts
+    )
 
 
 def _generator(name: str) -> Any:

@@ -28,8 +28,13 @@ def swinging(gravity: str = "file") -> Motion:
     t = np.arange(3000) / 300
     size, rate = np.array([[0.9, 0.4], [0.5, 0.7]]), np.array([[2.1, 5.3], [3.4, 7.9]])
     phase = t[:, None, None] * rate
-    q, qd, qdd = ((size * f).sum(axis=2) for f in (np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase)))
-    standard = [0.2 if value is None else value for value in mechanism.standard_values()]
+    q, qd, qdd = (
+        (size * f).sum(axis=2)
+        for f in (np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase))
+    )
+    standard = [
+        0.2 if value is None else value for value in mechanism.standard_values()
+    ]
     noise = np.random.default_rng(1).normal(size=(2, *q.shape))
     tau = base.predict(q, qd, qdd, base.values(standard)) + 0.02 * noise[0]
     return {"t": t, "q": q + 1e-5 * noise[1], "qd": qd, "tau": tau}

@@ -19,6 +19,10 @@ def tool(*names: str) -> str:
     """Path of the first of some programs that is installed."""
     found = next(filter(None, map(shutil.which, names)), None)
     if found is None:
-        absent = pytest.fail if os.environ.get("CI") and not set(names) <= set(OPTIONAL) else pytest.skip
+        absent = (
+            pytest.fail
+            if os.environ.get("CI") and not set(names) <= set(OPTIONAL)
+            else pytest.skip
+        )
         absent(f"{names[0]} is not installed")
     return found

@@ -35,12 +35,16 @@ def along(axis: Sequence[float], distance: float) -> Array:
 
 
 def quaternion_turn(w: float, x: float, y: float, z: float) -> Array:
-    return turned([x, y, z] if x or y or z else X, 2 * np.arctan2(np.linalg.norm([x, y, z]), w))
+    return turned(
+        [x, y, z] if x or y or z else X, 2 * np.arctan2(np.linalg.norm([x, y, z]), w)
+    )
 
 
 def pose_of(mechanism: Mechanism, body: int, q: Mapping[str, float]) -> Array:
     """Homogeneous matrix of a body's frame in its parent's, by the steps of its joint."""
-    known = {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
+    known = {
+        name: s.value for name, s in mechanism.symbols.items() if s.value is not None
+    }
 
     def value(entry: Polynomial) -> float:
         return entry.evaluate(float_generators(entry.generators(), known), float)
@@ -64,4 +68,6 @@ def motion_pose(motion: Motion, q: Mapping[str, float], pitch: float) -> Array:
     position = q[motion.name]
     if motion.kind is MotionKind.TRANSLATION:
         return along(axis, position)
-    return turned(axis, position) @ (along(axis, pitch * position) if pitch else np.eye(4))
+    return turned(axis, position) @ (
+        along(axis, pitch * position) if pitch else np.eye(4)
+    )

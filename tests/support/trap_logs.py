@@ -40,10 +40,24 @@ ENCODER = 1e-5
 _FINGERS = re.compile("finger|gripper", re.IGNORECASE)
 _SAME = 5e-4  # share of the outputs that a model may leave and still be right, as gravity found to some digits is
 _STATES = 300  # random ones from which true base parameters are computed
-_SMALLEST = 0.01  # of the largest torque: of joints with less the friction is of that size
-_OF_ROWS = ("lost rows", "saturation")  # findings about rows, which name what is wrong as well
-_KINDS = ("missing effect", "changes", "gravity", "gains", "joint", "culprit")  # of findings of hypotheses
-_USUAL = re.compile(r"the acceleration qdd|the velocity qd;|the direction sign\(qd\);|nothing but a constant")
+_SMALLEST = (
+    0.01  # of the largest torque: of joints with less the friction is of that size
+)
+_OF_ROWS = (
+    "lost rows",
+    "saturation",
+)  # findings about rows, which name what is wrong as well
+_KINDS = (
+    "missing effect",
+    "changes",
+    "gravity",
+    "gains",
+    "joint",
+    "culprit",
+)  # of findings of hypotheses
+_USUAL = re.compile(
+    r"the acceleration qdd|the velocity qd;|the direction sign\(qd\);|nothing but a constant"
+)
 """What nearly all robots have, and these have too."""
 
 
@@ -95,11 +109,15 @@ class Arm:
             full[:, joint.idx_q : joint.idx_q + joint.nq] = np.stack(
                 (np.cos(angle), np.sin(angle)) if turns else (angle,), axis=1
             )
-        return np.array([pin.rnea(self.model, data, *x) for x in zip(full, qd, qdd, strict=True)])
+        return np.array(
+            [pin.rnea(self.model, data, *x) for x in zip(full, qd, qdd, strict=True)]
+        )
 
     def drives(self, qd: Floats, qdd: Floats) -> Floats:
         """Torques of friction, offsets and rotors."""
-        return self.viscous * qd + self.dry * np.sign(qd) + self.offset + self.rotor * qdd
+        return (
+            self.viscous * qd + self.dry * np.sign(qd) + self.offset + self.rotor * qdd
+        )
 
     def forces(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Torques of all that the arm usually has."""
@@ -129,14 +147,32 @@ def arm(robot: str, seed: int) -> Arm:
     model = pin.buildReducedModel(model, fingers, pin.neutral(model))
     origin = (seed, *robot.encode())
     rng = np.random.default_rng(origin)
-    reach = sum(float(np.linalg.norm(place.translation)) for place in model.jointPlacements)
+    reach = sum(
+        float(np.linalg.norm(place.translation)) for place in model.jointPlacements
+    )
     for k in range(1, model.njoints):
         model.inertias[k] = _changed(model.inertias[k], rng, reach)
     time = np.arange(round(SECONDS * RATE)) / RATE
     q, qd, qdd, centre = _motion(model, rng, time)
     none = np.zeros(model.nv)
     names = tuple(model.names)[1:]
-    still = Arm(model, names, time, q, qd, qdd, centre, none, none, none, none, none, none, reach, origin)
+    still = Arm(
+        model,
+        names,
+        time,
+        q,
+        qd,
+        qdd,
+        centre,
+        none,
+        none,
+        none,
+        none,
+        none,
+        none,
+        reach,
+        origin,
+    )
     size = still.bodies(q, qd, qdd).std(axis=0)
     size = np.maximum(size, _SMALLEST * size.max())
     return replace(
@@ -156,13 +192,23 @@ def _changed(body: Any, rng: np.random.Generator, reach: float) -> Any:
     lever = body.lever + 0.015 * reach * rng.uniform(-1, 1, 3)
     inertia = factor * turned * body.inertia
     moments = np.linalg.eigvalsh(inertia)
-    lacking = max(moments[2] - moments[1] - moments[0], 0.0) + 1e-6 * max(moments[2], 1e-6)
-    return pin.Inertia(factor * max(body.mass, 1e-3), lever, inertia + lacking * np.eye(3))
+    lacking = max(moments[2] - moments[1] - moments[0], 0.0) + 1e-6 * max(
+        moments[2], 1e-6
+    )
+    return pin.Inertia(
+        factor * max(body.mass, 1e-3), lever, inertia + lacking * np.eye(3)
+    )
 
 
-def _motion(model: Any, rng: np.random.Generator, time: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _motion(
+    model: Any, rng: np.random.Generator, time: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
     """A Fourier series within limits: positions, velocities, accelerations and centres."""
-    joints, base, harmonics = model.nv, 2 * np.pi * rng.uniform(0.04, 0.07), np.arange(1, rng.integers(5, 10))
+    joints, base, harmonics = (
+        model.nv,
+        2 * np.pi * rng.uniform(0.04, 0.07),
+        np.arange(1, rng.integers(5, 10)),
+    )
     q, qd, qdd = np.zeros((3, len(time), joints))
     centre = np.zeros(joints)
     for k, joint in enumerate(list(model.joints)[1:]):
@@ -193,8 +239,12 @@ class TrapLog:
     columns: dict[str, Floats]
     joints: tuple[str, ...]
     states: tuple[Floats, Floats, Floats]
-    names: str | None  # a regular expression of what has to be said; None where nothing is to be named
-    forces: Forces | None  # what the outputs are without noise; None where they depend on more than the state
+    names: (
+        str | None
+    )  # a regular expression of what has to be said; None where nothing is to be named
+    forces: (
+        Forces | None
+    )  # what the outputs are without noise; None where they depend on more than the state
 
     def truth(self, base: BaseModel) -> Floats | None:
         """True base parameters, shape (r,); None where the model cannot have the forces of the robot."""
@@ -202,12 +252,17 @@ class TrapLog:
             return None
         order = [self.joints.index(name) for name in base.mechanism.positions]
         rng = np.random.default_rng(0)
-        q, qd, qdd = (rng.permuted(x[:: max(len(x) // _STATES, 1)], axis=0) for x in self.states)
+        q, qd, qdd = (
+            rng.permuted(x[:: max(len(x) // _STATES, 1)], axis=0) for x in self.states
+        )
         outputs = [self.joints.index(output.name) for output in base.mechanism.outputs]
         tau = self.forces(q, qd, qdd)[:, outputs]
         X = base.regressor(q[:, order], qd[:, order], qdd[:, order])
         weights = 1 / np.maximum(tau.std(axis=0), 1e-12)
-        rows, right = (X * weights[:, None]).reshape(-1, base.rank), (tau * weights).ravel()
+        rows, right = (
+            (X * weights[:, None]).reshape(-1, base.rank),
+            (tau * weights).ravel(),
+        )
         scales = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
         found = np.linalg.lstsq(rows / scales, right, rcond=None)[0]
         left = rows / scales @ found - right
@@ -223,23 +278,43 @@ class TrapLog:
 
     def named(self, result: Identification) -> bool:
         """Whether some finding or the verdict says what has to be said."""
-        texts = [*(f"{finding.kind}: {finding.text}" for finding in result.findings), result.verdict, *result.reasons]
-        return self.names is not None and any(re.search(self.names, text) for text in texts)
+        texts = [
+            *(f"{finding.kind}: {finding.text}" for finding in result.findings),
+            result.verdict,
+            *result.reasons,
+        ]
+        return self.names is not None and any(
+            re.search(self.names, text) for text in texts
+        )
 
     def named_first(self, result: Identification) -> bool:
         """Whether the hypothesis that explains most, of those that are not usual, is the right one."""
         found = [some for some in judged(result) if not _USUAL.search(some.text)]
-        return bool(found) and self.names is not None and re.search(self.names, _text(found[0])) is not None
+        return (
+            bool(found)
+            and self.names is not None
+            and re.search(self.names, _text(found[0])) is not None
+        )
 
     def wrong(self, result: Identification) -> list[Finding]:
         """Hypotheses that are said to be true and are not."""
-        right = re.compile(f"{self.names}|{_USUAL.pattern}") if self.names is not None else _USUAL
-        return [finding for finding in judged(result) if not right.search(_text(finding))]
+        right = (
+            re.compile(f"{self.names}|{_USUAL.pattern}")
+            if self.names is not None
+            else _USUAL
+        )
+        return [
+            finding for finding in judged(result) if not right.search(_text(finding))
+        ]
 
 
 def judged(result: Identification) -> list[Finding]:
     """Findings about hypotheses: warnings first."""
-    found = [f for f in result.findings if (f.kind in _KINDS and f.where == "") or f.kind in _OF_ROWS]
+    found = [
+        f
+        for f in result.findings
+        if (f.kind in _KINDS and f.where == "") or f.kind in _OF_ROWS
+    ]
     return sorted(found, key=lambda finding: finding.severity is not Severity.WARNING)
 
 
@@ -263,7 +338,9 @@ def _log(
     measured = tau + arm.noise * rng.standard_normal(tau.shape)
     columns = {"t": arm.time}
     columns |= {f"q_{name}": some for name, some in zip(arm.names, seen.T, strict=True)}
-    columns |= {f"tau_{name}": some for name, some in zip(arm.names, measured.T, strict=True)}
+    columns |= {
+        f"tau_{name}": some for name, some in zip(arm.names, measured.T, strict=True)
+    }
     return TrapLog(columns, arm.names, (arm.q, arm.qd, arm.qdd), names, forces)
 
 
@@ -295,7 +372,9 @@ def _tilt(arm: Arm) -> TrapLog:
 
 
 def _side(arm: Arm) -> TrapLog:
-    return usual_log(arm.under(np.array([9.81, 0, 0])), r"gravity: gravity is along x of the base")
+    return usual_log(
+        arm.under(np.array([9.81, 0, 0])), r"gravity: gravity is along x of the base"
+    )
 
 
 def _jitter(arm: Arm) -> TrapLog:
@@ -314,12 +393,16 @@ def _at(time: Floats, values: Floats, times: Floats) -> Floats:
 
 def _length(arm: Arm) -> TrapLog:
     model = arm.model.copy()
-    lengths = [float(np.linalg.norm(place.translation)) for place in model.jointPlacements]
+    lengths = [
+        float(np.linalg.norm(place.translation)) for place in model.jointPlacements
+    ]
     for k in sorted(range(2, arm.count + 1), key=lambda k: -lengths[k])[:2]:
         place = model.jointPlacements[k]
         place.translation = 1.02 * place.translation
         model.jointPlacements[k] = place
-    return usual_log(replace(arm, model=model), "link length|lengths of|geometr|kinematic|dimension")
+    return usual_log(
+        replace(arm, model=model), "link length|lengths of|geometr|kinematic|dimension"
+    )
 
 
 def _payload_mid(arm: Arm) -> TrapLog:
@@ -350,7 +433,9 @@ def _gaspring(arm: Arm) -> TrapLog:
         return tau
 
     about = r"(position|sin\(|q² and q³).*\({0} "
-    return _log(arm, forces(arm.q, arm.qd, arm.qdd), _of(about, [arm.names[joint]]), forces)
+    return _log(
+        arm, forces(arm.q, arm.qd, arm.qdd), _of(about, [arm.names[joint]]), forces
+    )
 
 
 def _carried(arm: Arm, count: int) -> list[int]:
@@ -375,9 +460,13 @@ def _coupled(arm: Arm) -> TrapLog:
 
     def forces(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Torques of the drives, by their positions."""
-        return arm.bodies(*(x @ back.T for x in (q, qd, qdd))) @ back + arm.drives(qd, qdd)
+        return arm.bodies(*(x @ back.T for x in (q, qd, qdd))) @ back + arm.drives(
+            qd, qdd
+        )
 
-    words = re.escape(f"the drive of '{arm.names[last]}' turns by {arm.names[last]} + {arm.names[before]}")
+    words = re.escape(
+        f"the drive of '{arm.names[last]}' turns by {arm.names[last]} + {arm.names[before]}"
+    )
     q, qd, qdd = drives
     return _log(replace(arm, q=q, qd=qd, qdd=qdd), forces(q, qd, qdd), words, forces)
 
@@ -396,7 +485,12 @@ def _sea(arm: Arm) -> TrapLog:
         q[:, k] += bent
         qd[:, k] += rate
         qdd[:, k] += np.gradient(rate, 1 / RATE)
-    return _log(arm, load + arm.drives(qd, qdd), _of("'{0}' gives way", [arm.names[k] for k in soft]), q=q)
+    return _log(
+        arm,
+        load + arm.drives(qd, qdd),
+        _of("'{0}' gives way", [arm.names[k] for k in soft]),
+        q=q,
+    )
 
 
 def _backlash(arm: Arm) -> TrapLog:
@@ -404,19 +498,33 @@ def _backlash(arm: Arm) -> TrapLog:
     load = arm.bodies(arm.q, arm.qd, arm.qdd)
     q[:, loose] += 0.01 * np.tanh(load[:, loose] / (0.02 * arm.size[loose]))
     tau = arm.forces(arm.q, arm.qd, arm.qdd)
-    return _log(arm, tau, _of("the gear of '{0}' has a play", [arm.names[k] for k in loose]), q=q)
+    return _log(
+        arm,
+        tau,
+        _of("the gear of '{0}' has a play", [arm.names[k] for k in loose]),
+        q=q,
+    )
 
 
 def _scaled(arm: Arm, factors: Floats, names: str) -> TrapLog:
     def forces(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         return arm.forces(q, qd, qdd) * factors
 
-    return _log(replace(arm, noise=arm.noise * np.abs(factors)), forces(arm.q, arm.qd, arm.qdd), names, forces)
+    return _log(
+        replace(arm, noise=arm.noise * np.abs(factors)),
+        forces(arm.q, arm.qd, arm.qdd),
+        names,
+        forces,
+    )
 
 
 def _gain_of(arm: Arm, joint: int, factor: float) -> TrapLog:
     factors = np.where(np.arange(arm.count) == joint, factor, 1.0)
-    return _scaled(arm, factors, _of("the output of '{0}' is .* times what it should be", [arm.names[joint]]))
+    return _scaled(
+        arm,
+        factors,
+        _of("the output of '{0}' is .* times what it should be", [arm.names[joint]]),
+    )
 
 
 def _gain(arm: Arm) -> TrapLog:
@@ -438,13 +546,21 @@ def _gain2(arm: Arm) -> TrapLog:
 
 def _currents(arm: Arm) -> TrapLog:
     """Motor currents in place of torques, with another constant of every drive."""
-    return _scaled(arm, 1 / arm.random(3).uniform(4, 16, arm.count), "times what it should be|current")
+    return _scaled(
+        arm,
+        1 / arm.random(3).uniform(4, 16, arm.count),
+        "times what it should be|current",
+    )
 
 
 def _sign(arm: Arm) -> TrapLog:
     joint = int(arm.random(3).integers(arm.count))
     factors = np.where(np.arange(arm.count) == joint, -1.0, 1.0)
-    return _scaled(arm, factors, _of("the sign of the output of '{0}'.* is wrong", [arm.names[joint]]))
+    return _scaled(
+        arm,
+        factors,
+        _of("the sign of the output of '{0}'.* is wrong", [arm.names[joint]]),
+    )
 
 
 def _exchanged(arm: Arm) -> TrapLog:
@@ -455,8 +571,15 @@ def _exchanged(arm: Arm) -> TrapLog:
     def forces(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         return arm.forces(q, qd, qdd)[:, order]
 
-    words = _of("the output of '{0}'.*exchanged", [arm.names[one], arm.names[other]], every=True)
-    return _log(replace(arm, noise=arm.noise[order]), forces(arm.q, arm.qd, arm.qdd), words, forces)
+    words = _of(
+        "the output of '{0}'.*exchanged", [arm.names[one], arm.names[other]], every=True
+    )
+    return _log(
+        replace(arm, noise=arm.noise[order]),
+        forces(arm.q, arm.qd, arm.qdd),
+        words,
+        forces,
+    )
 
 
 def _stribeck(arm: Arm) -> TrapLog:
@@ -478,7 +601,9 @@ def _saturate(arm: Arm) -> TrapLog:
     log = usual_log(arm, "saturat|limit|clipped")
     column = f"tau_{arm.names[joint]}"
     most = float(np.percentile(np.abs(log.columns[column]), 80))
-    return replace(log, columns={**log.columns, column: np.clip(log.columns[column], -most, most)})
+    return replace(
+        log, columns={**log.columns, column: np.clip(log.columns[column], -most, most)}
+    )
 
 
 def _dropout(arm: Arm) -> TrapLog:

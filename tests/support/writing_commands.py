@@ -38,14 +38,26 @@ excitation:
 COMMANDS: dict[str, tuple[str, ...]] = {
     "derive": ("derive", "slide.yaml", "-o", "set.txt"),
     "special": ("derive", "slide.yaml", "--special", "-o", "special.txt"),
-    "compare-numeric": ("derive", "slide.yaml", "--compare-numeric", "-o", "numeric.txt"),
+    "compare-numeric": (
+        "derive",
+        "slide.yaml",
+        "--compare-numeric",
+        "-o",
+        "numeric.txt",
+    ),
     "regressor": ("derive", "slide.yaml", "--regressor", "sympy", "-o", "regressor.py"),
     "audit": ("audit", "slide.yaml", "claims.txt", "-o", "audit.txt"),
     "generate": ("generate", "slide.yaml", "-o", "."),
     "identify": ("identify", "slide.yaml", "run.csv", "-o", "."),
     "predict": ("predict", "earlier/model.json", "run.csv", "-o", "predicted.csv"),
     "excite": ("excite", "slide.yaml", "-o", "."),
-    "check-trajectory": ("check-trajectory", "slide.yaml", "motion.csv", "-o", "judged.html"),
+    "check-trajectory": (
+        "check-trajectory",
+        "slide.yaml",
+        "motion.csv",
+        "-o",
+        "judged.html",
+    ),
 }
 """With relative paths, in a folder of :func:`workplace`."""
 
@@ -57,7 +69,14 @@ OUTPUTS: dict[str, set[str]] = {
     "regressor": {"regressor.py"},
     "audit": {"audit.txt"},
     "generate": {"slide.c", "slide.h"},
-    "identify": {"model.json", "report.html", "identified.yaml", "identified.urdf", "model.c", "model.h"},
+    "identify": {
+        "model.json",
+        "report.html",
+        "identified.yaml",
+        "identified.urdf",
+        "model.c",
+        "model.h",
+    },
     "predict": {"predicted.csv"},
     "excite": {"trajectory.json", "trajectory.csv", "preview.html"},
     "check-trajectory": {"judged.html"},
@@ -67,7 +86,11 @@ OUTPUTS: dict[str, set[str]] = {
 def call(*arguments: object) -> CompletedProcess[str]:
     """A command in this process, which saves the time that imports take."""
     out, err, code = io.StringIO(), io.StringIO(), 0
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(out),
+        redirect_stderr(err),
+    ):
         patch.setattr(sys, "argv", ["echelon", *map(str, arguments)])
         try:
             command()
@@ -81,13 +104,27 @@ def _template() -> TemporaryDirectory[str]:
     kept = TemporaryDirectory()
     folder = Path(kept.name)
     t = np.arange(600) / 200
-    x, v, a = (sum(A * w**k * wave(w * t) for A, w in ((0.2, 3), (0.05, 7))) for k, wave in enumerate(_WAVES))
+    x, v, a = (
+        sum(A * w**k * wave(w * t) for A, w in ((0.2, 3), (0.05, 7)))
+        for k, wave in enumerate(_WAVES)
+    )
     force = 2.5 * a + 0.7 * v + np.random.default_rng(3).normal(0, 0.05, t.size)
     _table(folder / "run.csv", {"t": t, "x": x, "f": force})
-    _table(folder / "motion.csv", {"t": t[:401], "q_slide": 0.05 * (1 - np.cos(np.pi * t[:401])) ** 2})
+    _table(
+        folder / "motion.csv",
+        {"t": t[:401], "q_slide": 0.05 * (1 - np.cos(np.pi * t[:401])) ** 2},
+    )
     (folder / "slide.yaml").write_text(SLIDE)
     (folder / "claims.txt").write_text("M1\nFv1\n")
-    done = call("identify", folder / "slide.yaml", folder / "run.csv", "-o", folder / "earlier", "-t", "none")
+    done = call(
+        "identify",
+        folder / "slide.yaml",
+        folder / "run.csv",
+        "-o",
+        folder / "earlier",
+        "-t",
+        "none",
+    )
     assert done.returncode == 0, done.stderr
     return kept
 
@@ -102,7 +139,9 @@ _WAVES: Any = (np.sin, np.cos, lambda s: -np.sin(s))
 
 def _table(path: Path, columns: dict[str, Any]) -> None:
     rows = np.column_stack(list(columns.values()))
-    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    np.savetxt(
+        path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.12g"
+    )
 
 
 Contents = dict[str, bytes]
@@ -110,4 +149,8 @@ Contents = dict[str, bytes]
 
 def contents(folder: Path) -> Contents:
     """Everything in a folder, hidden files too."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }

@@ -12,15 +12,26 @@ from echelon.zoo.faults import MISSING, POINT, can_exist, faults, problem_of
 SHAPE = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
 
 
-def inertial(mass: float = 1, xx: float = 0.02, yy: float = 0.02, zz: float = 0.02, com: str = "0.1 0 0") -> str:
+def inertial(
+    mass: float = 1,
+    xx: float = 0.02,
+    yy: float = 0.02,
+    zz: float = 0.02,
+    com: str = "0.1 0 0",
+) -> str:
     tensor = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/>'
     return f'<inertial><origin xyz="{com}"/><mass value="{mass}"/>{tensor}</inertial>'
 
 
 def arm(base: str = "", first: str = "", second: str = "", tool: str = "") -> str:
     """Two links about parallel vertical axes, so that gravity does not move them, with a tool fixed to the second."""
-    links = zip(("base", "first", "second", "tool"), (base, first, second, tool), strict=True)
-    joints = [("a", "base", "first", "continuous", "0 0 0"), ("b", "first", "second", "continuous", "0.4 0 0")]
+    links = zip(
+        ("base", "first", "second", "tool"), (base, first, second, tool), strict=True
+    )
+    joints = [
+        ("a", "base", "first", "continuous", "0 0 0"),
+        ("b", "first", "second", "continuous", "0.4 0 0"),
+    ]
     joints += [("c", "second", "tool", "fixed", "0.3 0 0")]
     return (
         '<robot name="arm">'
@@ -35,7 +46,10 @@ def arm(base: str = "", first: str = "", second: str = "", tool: str = "") -> st
 
 
 def found(text: str) -> dict[str, tuple[str, bool | None]]:
-    return {fault.link: (fault.problem, fault.matters) for fault in faults(ec.base_parameters(ec.load(text)))}
+    return {
+        fault.link: (fault.problem, fault.matters)
+        for fault in faults(ec.base_parameters(ec.load(text)))
+    }
 
 
 def test_a_sound_robot_has_none() -> None:
@@ -74,7 +88,12 @@ def test_a_negative_moment_about_the_axis_matters() -> None:
 
 
 def test_a_tool_can_be_made_up_for_by_what_carries_it() -> None:
-    assert found(arm(second=inertial(mass=5, xx=1, yy=1, zz=1), tool=inertial(zz=-0.001)))["tool"][1] is False
+    assert (
+        found(arm(second=inertial(mass=5, xx=1, yy=1, zz=1), tool=inertial(zz=-0.001)))[
+            "tool"
+        ][1]
+        is False
+    )
 
 
 def test_a_missing_inertia_matters_where_it_would_be_felt() -> None:
@@ -85,8 +104,13 @@ def test_a_missing_inertia_matters_where_it_would_be_felt() -> None:
 
 def test_a_point_lacks_its_rotational_inertia() -> None:
     point = inertial(xx=0, yy=0, zz=0)
-    assert found(arm(point, point, inertial())) == {"base": (POINT, False), "first": (POINT, True)}
-    assert found(arm(second=inertial(), tool=inertial(mass=1e-9, xx=0, yy=0, zz=0))) == {}
+    assert found(arm(point, point, inertial())) == {
+        "base": (POINT, False),
+        "first": (POINT, True),
+    }
+    assert (
+        found(arm(second=inertial(), tool=inertial(mass=1e-9, xx=0, yy=0, zz=0))) == {}
+    )
 
 
 def test_problems_are_those_of_the_body_not_of_its_place() -> None:

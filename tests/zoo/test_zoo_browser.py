@@ -46,21 +46,37 @@ def zoo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hostile = folder / "hostile.urdf"
     hostile.write_text(HOSTILE, encoding="utf-8")
     files = ROBOTS | {"hostile": hostile}
-    rows = [build_exhibit(Task(Found(path, path.name, slug), False, folder)) for slug, path in files.items()]
-    write_index(folder, [row for row in rows if row] + [{**(rows[0] or {}), "failed": NAME}])
+    rows = [
+        build_exhibit(Task(Found(path, path.name, slug), False, folder))
+        for slug, path in files.items()
+    ]
+    write_index(
+        folder, [row for row in rows if row] + [{**(rows[0] or {}), "failed": NAME}]
+    )
     return folder
 
 
 @pytest.mark.parametrize("screen", [LIGHT, DARK, PHONE])
-def test_pages_can_be_read(zoo: Path, tmp_path: Path, screen: tuple[int, int, bool]) -> None:
+def test_pages_can_be_read(
+    zoo: Path, tmp_path: Path, screen: tuple[int, int, bool]
+) -> None:
     pages = ["/index.html", *(f"/{slug}/index.html" for slug in (*ROBOTS, "hostile"))]
     found, asked = audited(zoo, tmp_path / "profile", pages, screen, NUMBERS)
     assert complaints(found) == {}
-    assert {path for path in asked if path not in pages} <= {"/visit.html", "/favicon.ico"}
+    assert {path for path in asked if path not in pages} <= {
+        "/visit.html",
+        "/favicon.ico",
+    }
     for slug, file in ROBOTS.items():
         base, page = ec.base_parameters(ec.load(file)), found[f"/{slug}/index.html"]
-        assert (page["rank"], page["forms"], page["cells"]) == (str(base.rank), base.rank, len(base.parameters))
-        assert [str(len(base.parameters)), str(base.rank)] in [row[3:5] for row in found["/index.html"]["rows"]]
+        assert (page["rank"], page["forms"], page["cells"]) == (
+            str(base.rank),
+            base.rank,
+            len(base.parameters),
+        )
+        assert [str(len(base.parameters)), str(base.rank)] in [
+            row[3:5] for row in found["/index.html"]["rows"]
+        ]
     assert found["/index.html"]["dots"] == 3
     for path, page in found.items():
         assert page["first"] == "skip", path
@@ -71,6 +87,10 @@ def test_pages_can_be_read(zoo: Path, tmp_path: Path, screen: tuple[int, int, bo
 def test_the_index_is_searched_and_sorted(zoo: Path, tmp_path: Path) -> None:
     found, _ = audited(zoo, tmp_path / "profile", ["/index.html"], act=SEARCH)
     page = found["/index.html"]
-    assert (page["words"], page["all"], page["literal"]) == (["puma"], ["arm", "puma", "hostile"], ["arm"])
+    assert (page["words"], page["all"], page["literal"]) == (
+        ["puma"],
+        ["arm", "puma", "hostile"],
+        ["arm"],
+    )
     assert page["sorted"] == ["hostile", "arm", "puma"]
     assert page["focus"]

@@ -144,12 +144,19 @@ class _Check:
             self._refuse_dependent(table[:, :rank], bits)
             return None
         solution, left = solved
-        verdicts = {column: [vanishes(x, bits) for x in left[:, k]] for k, column in enumerate(self.others)}
+        verdicts = {
+            column: [vanishes(x, bits) for x in left[:, k]]
+            for k, column in enumerate(self.others)
+        }
         for column, zero in verdicts.items():
             if False in zero:
                 name = self.matrix.parameters[column]
-                raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
-        if any(None in zero for zero in verdicts.values()) or not self._coefficients_agree(solution, scales, bits):
+                raise CertificateError(
+                    f"the set is incomplete or wrong: it does not reproduce the effect of {name}"
+                )
+        if any(
+            None in zero for zero in verdicts.values()
+        ) or not self._coefficients_agree(solution, scales, bits):
             return None
         largest = max((x.abs_upper() for x in left.flat), default=flint.arb(0))
         return BallEvidence(states, _log10(largest, bits))
@@ -166,8 +173,12 @@ class _Check:
         motions = self.loops.motions if attempt.share_poses else 1
         # the mass matrix and gravity show at rest, which takes less time; all other forces of bodies follow from them
         at_rest = mechanism.measures_every_force and not mechanism.effects
-        many = ball_rows(self.forms, self.at, states, self.rng, motions, at_rest=at_rest)
-        return np.vstack([many, ball_rows(self.forms, self.at, _OTHERS, self.rng)]), states
+        many = ball_rows(
+            self.forms, self.at, states, self.rng, motions, at_rest=at_rest
+        )
+        return np.vstack(
+            [many, ball_rows(self.forms, self.at, _OTHERS, self.rng)]
+        ), states
 
     def _refuse_dependent(self, table: Balls, bits: int) -> None:
         """Refuse representatives of which some are combinations of the others to all digits."""
@@ -180,36 +191,52 @@ class _Check:
                 "stated values"
             )
 
-    def _coefficients_agree(self, solution: Balls, scales: list[Any], bits: int) -> bool:
+    def _coefficients_agree(
+        self, solution: Balls, scales: list[Any], bits: int
+    ) -> bool:
         """Whether the claimed coefficients are the solved ones; False if these are not precise enough."""
         if not self.others:
             return True
         rank = self.matrix.rank
-        claims = {id(c): self._claimed(c) for row in self.matrix.rows for c in row.values()}
-        for k, (pivot, row) in enumerate(zip(self.matrix.pivots, self.matrix.rows, strict=True)):
+        claims = {
+            id(c): self._claimed(c) for row in self.matrix.rows for c in row.values()
+        }
+        for k, (pivot, row) in enumerate(
+            zip(self.matrix.pivots, self.matrix.rows, strict=True)
+        ):
             for place, column in enumerate(self.others):
                 claimed = claims[id(row[column])] if column in row else flint.arb(0)
                 found = solution[k, place]
                 if claimed.contains(0):
                     agrees = vanishes(found, bits)
                 else:
-                    agrees = self._agrees(claimed, found * (scales[rank + place] / scales[k]), column)
+                    agrees = self._agrees(
+                        claimed, found * (scales[rank + place] / scales[k]), column
+                    )
                 if agrees is None:
                     return False
                 if not agrees:
                     p, c = self.matrix.parameters[pivot], self.matrix.parameters[column]
-                    raise CertificateError(f"the set is wrong at the stated values: the coefficient of {c} in {p}")
+                    raise CertificateError(
+                        f"the set is wrong at the stated values: the coefficient of {c} in {p}"
+                    )
         return True
 
     def _claimed(self, coefficient: RationalFunction) -> Any:
         """The ball of a claimed coefficient at the stated values."""
         silent = sorted(set(coefficient.symbols()) - self.at.keys())
         if silent:
-            raise CertificateError(f"a coefficient needs '{silent[0]}', which has no stated value")
+            raise CertificateError(
+                f"a coefficient needs '{silent[0]}', which has no stated value"
+            )
         try:
-            return coefficient.evaluate(stated_generators(coefficient.generators(), self.at), ball)
+            return coefficient.evaluate(
+                stated_generators(coefficient.generators(), self.at), ball
+            )
         except ZeroDivisionError:
-            raise CertificateError("a denominator is zero at the stated values") from None
+            raise CertificateError(
+                "a denominator is zero at the stated values"
+            ) from None
 
     def _agrees(self, claimed: Any, found: Any, column: int) -> bool | None:
         """Whether a claimed coefficient is the solved one, within the stated error of numbers; None if unknown."""
@@ -220,7 +247,9 @@ class _Check:
         difference = abs(claimed - found)
         if not rounded or numbers is None:
             return bool(difference.contains(0))
-        return bool(difference < _LOOSEST * abs(found)) and not difference > numbers.radius
+        return (
+            bool(difference < _LOOSEST * abs(found)) and not difference > numbers.radius
+        )
 
 
 def _size(column: Balls) -> Any:
@@ -243,20 +272,30 @@ def has_plain_signs(regressor: LinearForms, rng: np.random.Generator) -> bool:
     """
     program = regressor.program
     needed = program.needed(regressor.entries.values())
-    arguments = [program.lhs[node] for node in needed if program.ops[node] in (Op.SIGN, Op.ABS)]
+    arguments = [
+        program.lhs[node] for node in needed if program.ops[node] in (Op.SIGN, Op.ABS)
+    ]
     schedule = Schedule(program, arguments)
     names = {node: program.inputs[node].name for node in schedule.leaves}
     drawn = {node: rng.standard_normal(1) for node in schedule.leaves}
     other = {node: rng.standard_normal(1) for node in schedule.leaves}
-    constant = {node for node in schedule.leaves if program.inputs[node].role == "symbol"}
+    constant = {
+        node for node in schedule.leaves if program.inputs[node].role == "symbol"
+    }
     moving = {node for node, name in names.items() if name.startswith("qd[")}
 
     def arguments_at(speeds: float) -> Floats:
         moved = {node: speeds * drawn[node] for node in moving}
         fixed = {node: drawn[node] for node in constant}
-        return np.asarray(schedule.run(FloatArithmetic(), {**other, **fixed, **moved}, 1))
+        return np.asarray(
+            schedule.run(FloatArithmetic(), {**other, **fixed, **moved}, 1)
+        )
 
     once, twice, rest = arguments_at(1.0), arguments_at(2.0), arguments_at(0.0)
     other = {node: rng.standard_normal(1) for node in schedule.leaves}
     elsewhere = arguments_at(1.0)
-    return bool((rest == 0).all() and np.allclose(twice, 2 * once) and np.allclose(elsewhere, once))
+    return bool(
+        (rest == 0).all()
+        and np.allclose(twice, 2 * once)
+        and np.allclose(elsewhere, once)
+    )

@@ -42,9 +42,15 @@ _BITS_OF_SPAN = 512
 """Precision at which the span is found."""
 
 
-def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[str, Any]:
+def stated_generators(
+    generators: Iterable[str], at: Mapping[str, str]
+) -> dict[str, Any]:
     """Balls of symbols, and of sines and cosines of angles, at stated values."""
-    return generator_values(generators, lambda name: stated_ball(at[name]), lambda x, n: ((n * x).cos(), (n * x).sin()))
+    return generator_values(
+        generators,
+        lambda name: stated_ball(at[name]),
+        lambda x, n: ((n * x).cos(), (n * x).sin()),
+    )
 
 
 class States(Protocol):
@@ -93,7 +99,14 @@ class States(Protocol):
     def span(self) -> int:
         """Bits by which the precision must grow with the span of values."""
 
-    def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, rng: Any, motions: int) -> list[Balls]:
+    def known(
+        self,
+        at: Sequence[Mapping[str, str]],
+        first: int,
+        poses: int,
+        rng: Any,
+        motions: int,
+    ) -> list[Balls]:
         """Entries at some of a sequence of states that is drawn once: one table for each of some values of symbols."""
 
 
@@ -109,15 +122,24 @@ class ClosedStates:
 
     def __init__(self, forms: LinearForms) -> None:
         assert forms.loops is not None
-        self.forms, self.loops, self.mechanism = forms, forms.loops, forms.loops.mechanism
+        self.forms, self.loops, self.mechanism = (
+            forms,
+            forms.loops,
+            forms.loops.mechanism,
+        )
         self.values, self.motions = self.loops.values, self.loops.motions
         self.subject = shown_loops(self.mechanism)
 
     @property
     def symbols(self) -> list[str]:
         """Symbols that the rows or the closing of the loops depend on, sorted."""
-        constants = (*self.forms.schedule.constants.leaves, *self.loops.closing.constants.leaves)
-        return sorted({*_symbols(self.forms.program, constants)} & named_symbols(self.mechanism))
+        constants = (
+            *self.forms.schedule.constants.leaves,
+            *self.loops.closing.constants.leaves,
+        )
+        return sorted(
+            {*_symbols(self.forms.program, constants)} & named_symbols(self.mechanism)
+        )
 
     @property
     def angles(self) -> frozenset[str]:
@@ -139,12 +161,25 @@ class ClosedStates:
         """Operations that one state takes."""
         return self.loops.closing.size + self.forms.schedule.size
 
-    def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, rng: Any, motions: int) -> list[Balls]:
+    def known(
+        self,
+        at: Sequence[Mapping[str, str]],
+        first: int,
+        poses: int,
+        rng: Any,
+        motions: int,
+    ) -> list[Balls]:
         """Entries at motions through known closed poses, or those next to them at other values of the symbols."""
         closed = _closed(self.loops, at, self.loops.known_poses(first, poses))
-        table = _entries(self.forms, closed.leaves(self.forms.schedule, rng, motions), len(at) * poses * motions)
+        table = _entries(
+            self.forms,
+            closed.leaves(self.forms.schedule, rng, motions),
+            len(at) * poses * motions,
+        )
         split = table.reshape(motions, len(at), poses, *self.forms.shape)
-        return [_table(split[:, k].reshape(-1, *self.forms.shape)) for k in range(len(at))]
+        return [
+            _table(split[:, k].reshape(-1, *self.forms.shape)) for k in range(len(at))
+        ]
 
 
 class FreeStates:
@@ -174,8 +209,14 @@ class FreeStates:
     def angles(self) -> frozenset[str]:
         """Symbols that are added to angles, and occur in no other way."""
         program, nodes = self.points.program, self.points.outputs
-        inputs = {n: program.inputs[n].name for n in self.points.rows.leaves if n in program.inputs}
-        return frozenset(name for n, name in inputs.items() if is_angle(program, nodes, n))
+        inputs = {
+            n: program.inputs[n].name
+            for n in self.points.rows.leaves
+            if n in program.inputs
+        }
+        return frozenset(
+            name for n, name in inputs.items() if is_angle(program, nodes, n)
+        )
 
     @cached_property
     def span(self) -> int:
@@ -192,14 +233,20 @@ class FreeStates:
         """Operations that one state takes."""
         return self.points.rows.size
 
-    def known(self, at: Sequence[Mapping[str, str]], first: int, poses: int, _: Any, __: int) -> list[Balls]:
+    def known(
+        self, at: Sequence[Mapping[str, str]], first: int, poses: int, _: Any, __: int
+    ) -> list[Balls]:
         """Entries at known states, without those at which some have no value."""
         states = self.points.known(first, poses)
         table, count = _free_entries(self.forms, states, at), count_of(states)
-        return [_with_values(table[k * count : (k + 1) * count]) for k in range(len(at))]
+        return [
+            _with_values(table[k * count : (k + 1) * count]) for k in range(len(at))
+        ]
 
 
-def _closed(loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
+def _closed(
+    loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats
+) -> ClosedBalls:
     """Closed poses in ball arithmetic next to some in doubles, at some values of the symbols."""
     from echelon.loops import closed_states  # robots without loops do without it
 
@@ -212,7 +259,9 @@ def irrational_roots(forms: LinearForms) -> tuple[bool, bool]:
     needed = program.needed(forms.entries.values())
     if any(program.ops[n] == Op.SQRT for n in needed):
         return True, True
-    parts = [parts_of(c) for n in needed if isinstance(c := program.constants.get(n), Surd)]
+    parts = [
+        parts_of(c) for n in needed if isinstance(c := program.constants.get(n), Surd)
+    ]
     return any(p[1] or p[3] for p in parts), any(p[2] or p[3] for p in parts)
 
 
@@ -234,11 +283,15 @@ def ball_rows(
     if forms.loops is None:
         return _with_values(_free_entries(forms, forms.points.draw(rng, states), [at]))
     poses = forms.loops.poses(rng, -(-states // motions)) if poses is None else poses
-    leaves = _closed(forms.loops, [at], poses).leaves(forms.schedule, rng, motions, at_rest=at_rest)
+    leaves = _closed(forms.loops, [at], poses).leaves(
+        forms.schedule, rng, motions, at_rest=at_rest
+    )
     return _table(_entries(forms, leaves, len(poses) * motions))
 
 
-def bits_of_span(forms: LinearForms, at: Mapping[str, str], rng: np.random.Generator) -> int:
+def bits_of_span(
+    forms: LinearForms, at: Mapping[str, str], rng: np.random.Generator
+) -> int:
     """Bits by which the precision must grow with the span of the values that occur on the way to the entries.
 
     With as many more, no term is lost beside another one, as e^-1000 would be beside 1, and what counts as zero, which
@@ -253,23 +306,41 @@ def bits_of_span(forms: LinearForms, at: Mapping[str, str], rng: np.random.Gener
     if forms.loops is None:
         program, outputs = forms.points.program, forms.points.outputs
     nodes = program.needed(outputs)
-    constants = [ball(program.constants[n]) for n in nodes if program.ops[n] == Op.CONSTANT and program.constants[n]]
+    constants = [
+        ball(program.constants[n])
+        for n in nodes
+        if program.ops[n] == Op.CONSTANT and program.constants[n]
+    ]
     usual = all(abs(exponent(x)) < _USUAL_EXPONENT for x in constants)
     if usual and {program.ops[n] for n in nodes}.isdisjoint(_SPANNING):
         return 0
     with flint.ctx.workprec(_BITS_OF_SPAN):
         if forms.loops is None:
-            schedule, drawn = forms.points.schedule(nodes), forms.points.draw(rng, forms.points.count)
-            leaves, states = forms.points.leaves(schedule.leaves, drawn, [at]), count_of(drawn)
+            schedule, drawn = (
+                forms.points.schedule(nodes),
+                forms.points.draw(rng, forms.points.count),
+            )
+            leaves, states = (
+                forms.points.leaves(schedule.leaves, drawn, [at]),
+                count_of(drawn),
+            )
         else:
             staged, states = StagedSchedule(program, nodes), 1
-            leaves = _closed(forms.loops, [at], forms.loops.poses(rng, 1)).leaves(staged, rng)
+            leaves = _closed(forms.loops, [at], forms.loops.poses(rng, 1)).leaves(
+                staged, rng
+            )
             schedule = staged.moving
         values = schedule.run(BallArithmetic(), leaves, states)
-    exponents = [exponent(x.abs_lower()) for x in values.flat if x.is_finite() and not x.contains(0)]
+    exponents = [
+        exponent(x.abs_lower())
+        for x in values.flat
+        if x.is_finite() and not x.contains(0)
+    ]
     span = max(0, max(exponents, default=0) - min(exponents, default=0) - _USUAL_SPAN)
     if span * len(nodes) > _MOST_DIGITS:
-        raise InputError(f"values in the model span {span} binary digits, too many to compare them")
+        raise InputError(
+            f"values in the model span {span} binary digits, too many to compare them"
+        )
     return 4 * span
 
 
@@ -278,11 +349,18 @@ def _symbols(program: Program, leaves: Iterable[int]) -> list[str]:
     return sorted({given.name for given in used if given.role == "symbol"})
 
 
-def _free_entries(forms: LinearForms, states: Mapping[int, Floats], at: Sequence[Mapping[str, str]]) -> Balls:
+def _free_entries(
+    forms: LinearForms, states: Mapping[int, Floats], at: Sequence[Mapping[str, str]]
+) -> Balls:
     """All entries at free states, (at · states, rows, columns)."""
     points, count = forms.points, len(at) * count_of(states)
     schedule = points.rows
-    return _placed(forms, schedule.run(BallArithmetic(), points.leaves(schedule.leaves, states, at), count))
+    return _placed(
+        forms,
+        schedule.run(
+            BallArithmetic(), points.leaves(schedule.leaves, states, at), count
+        ),
+    )
 
 
 def _entries(forms: LinearForms, leaves: Mapping[int, Balls], states: int) -> Balls:
@@ -306,7 +384,9 @@ def _with_values(table: Balls) -> Balls:
     DegenerateSampleError
         If these are few.
     """
-    finite = np.array([all(x.is_finite() for x in state.flat) for state in table], dtype=bool)
+    finite = np.array(
+        [all(x.is_finite() for x in state.flat) for state in table], dtype=bool
+    )
     if finite.sum() < (1 - _MOST_LOST) * len(table):
         raise DegenerateSampleError("entries have no values at most real points")
     return _table(table[finite])

@@ -32,15 +32,23 @@ class BallSpaces:
         with flint.ctx.workprec(self.bits):
             found = eliminated(rows, self.bits)
         if found is None:
-            raise SingularPoseError("ball arithmetic does not tell what rows of several models span together")
+            raise SingularPoseError(
+                "ball arithmetic does not tell what rows of several models span together"
+            )
         return len(found.pivots)
 
 
-def spaces_of(forms: Mapping[str, LinearForms], report: Callable[[str], None]) -> BallSpaces:
+def spaces_of(
+    forms: Mapping[str, LinearForms], report: Callable[[str], None]
+) -> BallSpaces:
     """Bases of the row spaces of forms at the stated values of their symbols."""
     bases, bits = dict[str, Balls](), list[int]()
     samplers = {name: RealStates(Rows(form, 0)) for name, form in forms.items()}
-    at = {symbol: text for sampler in samplers.values() for symbol, text in sampler.states.values.items()}
+    at = {
+        symbol: text
+        for sampler in samplers.values()
+        for symbol, text in sampler.states.values.items()
+    }
     for name, sampler in samplers.items():
         report(name)
         found = sampler.independent(at)

@@ -36,7 +36,9 @@ def doubles(table: Balls) -> Floats:
 def independent_rows(table: Balls) -> tuple[list[int], list[int]]:
     """As many rows as there are columns, the most independent ones, and the others."""
     order = pivoted_qr(doubles(table).T)[1]
-    return [int(k) for k in order[: table.shape[1]]], [int(k) for k in order[table.shape[1] :]]
+    return [int(k) for k in order[: table.shape[1]]], [
+        int(k) for k in order[table.shape[1] :]
+    ]
 
 
 def combinations_of(
@@ -50,10 +52,16 @@ def combinations_of(
         return table[:0, others], table[:most, others]
     square, further = independent_rows(table[:, pivots])
     solution = solved(table, square, pivots, others)
-    return None if solution is None else (solution, left_of(table[further[:most]], pivots, others, solution))
+    return (
+        None
+        if solution is None
+        else (solution, left_of(table[further[:most]], pivots, others, solution))
+    )
 
 
-def solved(table: Balls, rows: Sequence[int], pivots: Sequence[int], others: Sequence[int]) -> Balls | None:
+def solved(
+    table: Balls, rows: Sequence[int], pivots: Sequence[int], others: Sequence[int]
+) -> Balls | None:
     """Columns as combinations of as many others as there are rows, by these; None if precision does not show them."""
     square = _matrix(table[np.ix_(rows, pivots)])
     try:
@@ -64,11 +72,15 @@ def solved(table: Balls, rows: Sequence[int], pivots: Sequence[int], others: Seq
         return None
 
 
-def left_of(table: Balls, pivots: Sequence[int], others: Sequence[int], solution: Balls) -> Balls:
+def left_of(
+    table: Balls, pivots: Sequence[int], others: Sequence[int], solution: Balls
+) -> Balls:
     """What is left of columns beside combinations of others."""
     if not pivots:
         return table[:, others]
-    return _array(_matrix(table[:, others]) - _matrix(table[:, pivots]) * _matrix(solution))
+    return _array(
+        _matrix(table[:, others]) - _matrix(table[:, pivots]) * _matrix(solution)
+    )
 
 
 def solved_for(basis: Balls, columns: Sequence[int]) -> Balls | None:
@@ -89,7 +101,9 @@ def _matrix(table: Balls) -> Any:
 
 
 def _array(matrix: Any) -> Balls:
-    return np.array(matrix.entries(), dtype=object).reshape(matrix.nrows(), matrix.ncols())
+    return np.array(matrix.entries(), dtype=object).reshape(
+        matrix.nrows(), matrix.ncols()
+    )
 
 
 def vanishes(x: Any, bits: int) -> bool | None:
@@ -115,7 +129,9 @@ def ball_error(x: Any) -> float:
     return float(x.rad())
 
 
-def exact_number(x: Any, irrational: tuple[bool, bool] = (False, False)) -> Number | None:
+def exact_number(
+    x: Any, irrational: tuple[bool, bool] = (False, False)
+) -> Number | None:
     """The one number a + b√2 + c√3 + d√6 with short rational parts in a ball; None if none is short enough.
 
     ``irrational`` says whether √2 and √3 may occur.  An integer relation between the number and the roots is looked for
@@ -146,8 +162,14 @@ def _fraction(x: Any, bits: int) -> Number | None:
     middle, power = x.mid().man_exp()
     value = int(middle) * Fraction(2) ** int(power)
     found = value.limit_denominator(1 << longest)
-    short = (abs(found.numerator) * found.denominator).bit_length() + _SURPLUS_BITS < bits
-    return simplest(found) if short and x.contains(flint.fmpq(found.numerator, found.denominator)) else None
+    short = (
+        abs(found.numerator) * found.denominator
+    ).bit_length() + _SURPLUS_BITS < bits
+    return (
+        simplest(found)
+        if short and x.contains(flint.fmpq(found.numerator, found.denominator))
+        else None
+    )
 
 
 def _short_surd(x: Any, bits: int, irrational: tuple[bool, bool]) -> Number | None:
@@ -156,16 +178,26 @@ def _short_surd(x: Any, bits: int, irrational: tuple[bool, bool]) -> Number | No
     roots = [flint.arb(n).sqrt() for n in radicands]
     values = [x, *roots]
     count = len(values)
-    scale = bits * count // (count + 1)  # so that a relation as short as can be told from chance has the shortest row
-    rows = [[int(i == j) for j in range(count)] + [_scaled_integer(value, scale)] for i, value in enumerate(values)]
+    scale = (
+        bits * count // (count + 1)
+    )  # so that a relation as short as can be told from chance has the shortest row
+    rows = [
+        [int(i == j) for j in range(count)] + [_scaled_integer(value, scale)]
+        for i, value in enumerate(values)
+    ]
     shortest, *parts = [int(n) for n in flint.fmpz_mat(rows).lll().tolist()[0][:count]]
     height = max(abs(n).bit_length() for n in (shortest, *parts))
     if not shortest or height * count + _SURPLUS_BITS > bits:
         return None
-    relation = shortest * x + sum((n * root for n, root in zip(parts, roots, strict=True)), flint.arb(0))
+    relation = shortest * x + sum(
+        (n * root for n, root in zip(parts, roots, strict=True)), flint.arb(0)
+    )
     if not relation.contains(0):
         return None
-    known = {n: simplest(Fraction(-part, shortest)) for n, part in zip(radicands, parts, strict=True)}
+    known = {
+        n: simplest(Fraction(-part, shortest))
+        for n, part in zip(radicands, parts, strict=True)
+    }
     return surd(*(known.get(n, 0) for n in _RADICANDS))
 
 

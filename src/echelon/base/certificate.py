@@ -29,7 +29,13 @@ import numpy as np
 
 from echelon.base.ball_checks import BallEvidence, check_in_balls, has_plain_signs
 from echelon.base.matrix import BaseMatrix
-from echelon.base.prime_checks import FEWEST_POINTS, Identity, Minor, check_spanned, find_minor
+from echelon.base.prime_checks import (
+    FEWEST_POINTS,
+    Identity,
+    Minor,
+    check_spanned,
+    find_minor,
+)
 from echelon.base.real_states import RealStates
 from echelon.base.rounded_checks import check_to_rounding
 from echelon.errors import CertificateError, DegenerateSampleError, InputError
@@ -58,9 +64,13 @@ class Certificate:
     # number of random states whose rows contain what is left of it without its triangular part (see
     # :mod:`echelon.regressor.blocks`)
     minor_states: int
-    identity_primes: tuple[int, ...]  # primes modulo which X · N = 0 held at a random point each
+    identity_primes: tuple[
+        int, ...
+    ]  # primes modulo which X · N = 0 held at a random point each
     degree: int  # bound on the degree of the identity
-    log10_error: float  # decimal logarithm of a bound on the probability that X · N = 0 is false
+    log10_error: (
+        float  # decimal logarithm of a bound on the probability that X · N = 0 is false
+    )
     # whether the minor is non-zero at the stated values of the symbols, and not only for general ones
     at_values: bool = False
     regions: int = 0  # regions of signs that were visited, by the minor and at every point; 0 without signs
@@ -70,12 +80,20 @@ class Certificate:
     # decimal logarithm of a bound on what X · N leaves at real states, beside the largest entry of the column; None
     # where nothing was checked in ball arithmetic
     log10_residual: float | None = None
-    ball_states: int = 0  # real states at which coefficients were solved for in ball arithmetic
+    ball_states: int = (
+        0  # real states at which coefficients were solved for in ball arithmetic
+    )
     rounding: float = 0.0  # with loops, the last decimal of the file, to which the set holds; 0 where it is exact
     other_values: int = 0  # random values of the symbols at which formulas were checked in ball arithmetic, too
-    closed: bool = False  # whether states are closed ones of loops, near the assembly pose
-    columns: Mapping[str, int] = field(default_factory=dict)  # number of columns that each kind of check reached
-    unchecked: tuple[str, ...] = ()  # claims that no check reached; the set is not valid as a whole then
+    closed: bool = (
+        False  # whether states are closed ones of loops, near the assembly pose
+    )
+    columns: Mapping[str, int] = field(
+        default_factory=dict
+    )  # number of columns that each kind of check reached
+    unchecked: tuple[
+        str, ...
+    ] = ()  # claims that no check reached; the set is not valid as a whole then
 
     @property
     def in_balls(self) -> bool:
@@ -85,7 +103,11 @@ class Certificate:
     @property
     def holds(self) -> str:
         """For whom the set was shown to hold: for which values of the symbols, and where."""
-        values = "at the stated values" if self.at_values else "for general values of the symbols"
+        values = (
+            "at the stated values"
+            if self.at_values
+            else "for general values of the symbols"
+        )
         return f"{values}, near the assembly pose" if self.closed else values
 
     @property
@@ -106,7 +128,11 @@ class Certificate:
         text = f"rank {self.rank} proved from below by a non-zero minor{where} {how}; completeness X·N = 0 checked "
         text += "; ".join(self._completeness)
         text += f", {self.regions_note}" if self.regions_note else ""
-        return f"{text}; not checked: {'; '.join(self.unchecked)}" if self.unchecked else text
+        return (
+            f"{text}; not checked: {'; '.join(self.unchecked)}"
+            if self.unchecked
+            else text
+        )
 
     @property
     def _completeness(self) -> list[str]:
@@ -119,16 +145,22 @@ class Certificate:
             )
         if self.numbers and not self.in_balls:
             exactly = ", exactly" if self.log10_residual is None else ""
-            found.append(f"{self.numbers} columns of numbers at the stated values only{exactly}")
+            found.append(
+                f"{self.numbers} columns of numbers at the stated values only{exactly}"
+            )
         if self.log10_residual is not None:
             closed = "closed states" if self.closed else "states"
             found.append(
                 f"in ball arithmetic at {self.ball_states} {closed}, residual below 1e{int(self.log10_residual)}"
             )
         if self.rounding:
-            found.append(f"to the last decimals of the file ({self.rounding:.0e} of its size)")
+            found.append(
+                f"to the last decimals of the file ({self.rounding:.0e} of its size)"
+            )
         if self.other_values:
-            found.append(f"formulas also at {self.other_values} other values of the symbols")
+            found.append(
+                f"formulas also at {self.other_values} other values of the symbols"
+            )
         return found
 
 
@@ -142,7 +174,9 @@ class AtStatedValues:
     everywhere: bool  # whether all symbols have a value
     # whether angles are fractions of π such as π/7, whose sines satisfy relations that random residues do not
     fractions_of_pi: bool = False
-    approximate: tuple[str, ...] = ()  # symbols of which only rounded values are known, which count as general
+    approximate: tuple[
+        str, ...
+    ] = ()  # symbols of which only rounded values are known, which count as general
     # X for general values and values to draw there, where that is the same as recording it with these put in
     drawn: tuple[LinearForms, StatedValues] | None = None
 
@@ -232,7 +266,12 @@ class _Checks:
         rng: np.random.Generator,
         doubt: str,
     ) -> None:
-        self.regressor, self.matrix, self.stated, self.rng = regressor, matrix, stated, rng
+        self.regressor, self.matrix, self.stated, self.rng = (
+            regressor,
+            matrix,
+            stated,
+            rng,
+        )
         self.numbers = set(matrix.numbers.columns) if matrix.numbers else set[int]()
         self.reached: dict[str, set[int]] = {}
         self.doubt = doubt
@@ -248,9 +287,15 @@ class _Checks:
         """The evidence, if every column was reached."""
         matrix, minor, balls = self.matrix, self.minor, self.balls
         reached = set[int]().union(*self.reached.values())
-        missed = [name for column, name in enumerate(matrix.parameters) if column not in reached]
+        missed = [
+            name
+            for column, name in enumerate(matrix.parameters)
+            if column not in reached
+        ]
         if missed or minor is None:
-            raise CertificateError(f"no check reaches {', '.join(missed[:4]) or 'the representatives'}")
+            raise CertificateError(
+                f"no check reaches {', '.join(missed[:4]) or 'the representatives'}"
+            )
         regions, note = 0, ""
         closed, signs = self.regressor.loops is not None, self.regressor.has_signs
         if signs and not closed:
@@ -259,11 +304,15 @@ class _Checks:
             self.unchecked += [points.report.unseen] if points.report.unseen else []
             if self.stated is None and points.constants:
                 names = ", ".join(points.constants)
-                self.unchecked.append(f"other signs of what depends on {names}, which decide about regions")
+                self.unchecked.append(
+                    f"other signs of what depends on {names}, which decide about regions"
+                )
         elif signs:
             note = "signs as they are at random states of all speeds"
             if not has_plain_signs(self.regressor, self.rng):
-                self.unchecked.append("regions of signs that random closed states do not reach")
+                self.unchecked.append(
+                    "regions of signs that random closed states do not reach"
+                )
         return Certificate(
             matrix.rank,
             seed,
@@ -296,14 +345,20 @@ class _Checks:
         stated, numbers = self.stated, self.matrix.numbers
         assert numbers is not None
         if stated is None:
-            raise CertificateError("columns of numbers hold at stated values only, and there is no model with them")
+            raise CertificateError(
+                "columns of numbers hold at stated values only, and there is no model with them"
+            )
         if not numbers.radius:
-            identity = Identity(stated.forms, _with_numbers_only(self.matrix), self.numbers, self.rng)
+            identity = Identity(
+                stated.forms, _with_numbers_only(self.matrix), self.numbers, self.rng
+            )
             for _ in range(FEWEST_POINTS):
                 identity.holds_modulo(CERTIFICATE_BITS)
         else:
             check_spanned(stated.forms, self.matrix, self.numbers, self.rng)
-            self.balls = check_in_balls(self.regressor, self.matrix, self.numbers, stated.texts, self.rng)
+            self.balls = check_in_balls(
+                self.regressor, self.matrix, self.numbers, stated.texts, self.rng
+            )
         self.reached[NUMBERS] = self.numbers
 
     def _minor_modulo_primes(self) -> None:
@@ -334,11 +389,18 @@ class _Checks:
     def _minor_in_balls(self, stated: AtStatedValues, reason: str) -> None:
         """A minor at the stated values where primes show none; else it is named as not checked."""
         try:
-            evidence = check_in_balls(self.regressor, self.matrix, (), stated.texts, self.rng)
+            evidence = check_in_balls(
+                self.regressor, self.matrix, (), stated.texts, self.rng
+            )
         except CertificateError as error:
-            self.unchecked.append(f"independence at the stated values ({reason}; {error})")
+            self.unchecked.append(
+                f"independence at the stated values ({reason}; {error})"
+            )
         else:
-            self.minor, self.at_values = Minor(self.matrix.rank, 0, evidence.states), True
+            self.minor, self.at_values = (
+                Minor(self.matrix.rank, 0, evidence.states),
+                True,
+            )
 
     # -- loops and functions ----------------------------------------------------------------------------------------
 
@@ -348,14 +410,23 @@ class _Checks:
         others = self._others()
         everywhere = stated is not None and stated.everywhere
         loops = self.regressor.loops
-        if loops is not None and matrix.numbers and matrix.numbers.rounded and loops.mechanism.rounding:
+        if (
+            loops is not None
+            and matrix.numbers
+            and matrix.numbers.rounded
+            and loops.mechanism.rounding
+        ):
             self.rounding = loops.mechanism.rounding
-            evidence = check_to_rounding(self.regressor, matrix, loops.mechanism, self.rng)
+            evidence = check_to_rounding(
+                self.regressor, matrix, loops.mechanism, self.rng
+            )
             self._take_balls(evidence, others)
             self.at_values = True
             return
         if self.numbers and not everywhere:
-            raise CertificateError("columns of numbers hold at stated values only, and not all symbols have one")
+            raise CertificateError(
+                "columns of numbers hold at stated values only, and not all symbols have one"
+            )
         if self._holds_for_free_functions(others - self.numbers):
             others = self.numbers
         formulas = others - self.numbers
@@ -363,12 +434,21 @@ class _Checks:
             self._at_other_values(formulas)
         if stated is not None and everywhere:
             try:
-                self._take_balls(check_in_balls(self.regressor, matrix, others, stated.texts, self.rng), others)
+                self._take_balls(
+                    check_in_balls(
+                        self.regressor, matrix, others, stated.texts, self.rng
+                    ),
+                    others,
+                )
             except DegenerateSampleError as error:
                 raise CertificateError(f"at the stated values {error}") from None
             self.at_values = True
-        elif stated is not None and (self.regressor.loops is not None or stated.says_something):
-            self.unchecked.append("independence at the stated values (some symbols have no value)")
+        elif stated is not None and (
+            self.regressor.loops is not None or stated.says_something
+        ):
+            self.unchecked.append(
+                "independence at the stated values (some symbols have no value)"
+            )
 
     def _holds_for_free_functions(self, formulas: set[int]) -> bool:
         """Whether formulas hold whatever the functions are, which is known modulo primes as for rational rows."""
@@ -393,17 +473,28 @@ class _Checks:
         """Evidence at random values of the symbols at which there are real states."""
         for _ in range(_ATTEMPTS):
             try:
-                return check_in_balls(self.regressor, self.matrix, formulas, states.elsewhere(self.rng), self.rng)
+                return check_in_balls(
+                    self.regressor,
+                    self.matrix,
+                    formulas,
+                    states.elsewhere(self.rng),
+                    self.rng,
+                )
             except DegenerateSampleError:
                 continue
-        raise CertificateError("there are no real states at random values of the symbols near the stated ones")
+        raise CertificateError(
+            "there are no real states at random values of the symbols near the stated ones"
+        )
 
     def _take_balls(self, evidence: BallEvidence, columns: set[int]) -> None:
         """Keep evidence in balls, with the largest residual of all."""
         self._take(Minor(self.matrix.rank, 0, evidence.states))
         if not columns:
             return
-        largest = max(evidence.log10_residual, self.balls.log10_residual if self.balls else evidence.log10_residual)
+        largest = max(
+            evidence.log10_residual,
+            self.balls.log10_residual if self.balls else evidence.log10_residual,
+        )
         self.balls = BallEvidence(evidence.states, largest)
         self.reached[BALLS] = self.reached.get(BALLS, set()) | columns
 
@@ -436,19 +527,29 @@ def _check_numbers(matrix: BaseMatrix) -> None:
     if numbers is None:
         return
     chosen = set(numbers.columns)
-    coefficients = [value for row in matrix.rows for column, value in row.items() if column in chosen]
+    coefficients = [
+        value
+        for row in matrix.rows
+        for column, value in row.items()
+        if column in chosen
+    ]
     if any(value.symbols() for value in coefficients):
         raise CertificateError("a coefficient in a column of numbers is not a number")
     size = max((abs(value.evaluate({}, float)) for value in coefficients), default=0.0)
     if not numbers.rounded and not numbers.radius <= _LARGEST_RADIUS * max(1.0, size):
-        raise CertificateError(f"numbers with errors of {numbers.radius:.0e} prove nothing")
+        raise CertificateError(
+            f"numbers with errors of {numbers.radius:.0e} prove nothing"
+        )
 
 
 def _with_numbers_only(matrix: BaseMatrix) -> BaseMatrix:
     """B without the columns that hold for general values: symbols have none where stated values are put in."""
     assert matrix.numbers is not None
     kept = {*matrix.pivots, *matrix.numbers.columns}
-    rows = tuple({column: value for column, value in row.items() if column in kept} for row in matrix.rows)
+    rows = tuple(
+        {column: value for column, value in row.items() if column in kept}
+        for row in matrix.rows
+    )
     return replace(matrix, rows=rows)
 
 
@@ -456,20 +557,32 @@ def _check_echelon(matrix: BaseMatrix) -> None:
     """Rows sorted by pivot, leading 1, nothing before it, nothing else in pivot columns."""
     position = {column: k for k, column in enumerate(matrix.order)}
     if sorted(matrix.order) != list(range(len(matrix.parameters))):
-        raise CertificateError("the column order is not a permutation of the parameters")
+        raise CertificateError(
+            "the column order is not a permutation of the parameters"
+        )
     if len(matrix.rows) != matrix.rank:
-        raise CertificateError(f"{len(matrix.rows)} rows but {matrix.rank} representatives")
+        raise CertificateError(
+            f"{len(matrix.rows)} rows but {matrix.rank} representatives"
+        )
     places = [position[p] for p in matrix.pivots]
     if places != sorted(set(places)):
-        raise CertificateError("the representatives are not in the order of the columns")
+        raise CertificateError(
+            "the representatives are not in the order of the columns"
+        )
     pivots = set(matrix.pivots)
     for pivot, row in zip(matrix.pivots, matrix.rows, strict=True):
         name = matrix.parameters[pivot]
         if row.get(pivot) != 1:
-            raise CertificateError(f"the coefficient of the representative {name} is not 1")
+            raise CertificateError(
+                f"the coefficient of the representative {name} is not 1"
+            )
         for column, coefficient in row.items():
             other = matrix.parameters[column]
             if column != pivot and column in pivots:
-                raise CertificateError(f"row {name} contains the representative {other}")
+                raise CertificateError(
+                    f"row {name} contains the representative {other}"
+                )
             if position[column] < position[pivot] and coefficient:
-                raise CertificateError(f"row {name} contains {other}, which comes before it in the column order")
+                raise CertificateError(
+                    f"row {name} contains {other}, which comes before it in the column order"
+                )

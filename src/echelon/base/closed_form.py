@@ -24,13 +24,24 @@ from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.base.prime_states import PrimeStates
 from echelon.base.real_states import RealStates
 from echelon.base.samplers import states_of
-from echelon.base.structure import Structure, floating_pair, joint_frame, pair_columns, pair_signature
+from echelon.base.structure import (
+    Structure,
+    floating_pair,
+    joint_frame,
+    pair_columns,
+    pair_signature,
+)
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError
 from echelon.exact.field import Geometry, PrimeField, Residues, T, substituted
 from echelon.exact.interpolation import MOST_PRIMES, interpolate
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
+from echelon.exact.rational import (
+    ONE,
+    RationalFunction,
+    cost_of_products,
+    sum_of_products,
+)
 from echelon.exact.unknown_functions import UnknownFunctions, Work
 from echelon.inertia import move
 from echelon.mechanism.joint import Placement
@@ -47,7 +58,9 @@ class Kernel:
     rows: Rows  # with the columns [auxiliary, sources, targets]
     sources: Sequence[int]  # numbers of columns
     targets: Sequence[int]
-    zero: frozenset[int]  # sources that vanish in X, so that their coefficients do not matter
+    zero: frozenset[
+        int
+    ]  # sources that vanish in X, so that their coefficients do not matter
     # powers of length of the coefficients, by source and target; None where they are inhomogeneous
     degrees: Sequence[int] | None
 
@@ -64,7 +77,9 @@ class Kernel:
     @cached_property
     def pairs(self) -> list[tuple[int, int]]:
         """(source, target) of every coefficient that matters."""
-        return [(s, t) for s in self.sources if s not in self.zero for t in self.targets]
+        return [
+            (s, t) for s in self.sources if s not in self.zero for t in self.targets
+        ]
 
     @property
     def unknowns(self) -> int:
@@ -81,7 +96,11 @@ class Kernel:
         roles = self.roles
         lengths = frozenset() if self.degrees is None else roles.lengths
         degrees = self.degrees or [0] * (len(self.sources) * len(self.targets))
-        chosen = [k for k, s in enumerate(s for s in self.sources for _ in self.targets) if s not in self.zero]
+        chosen = [
+            k
+            for k, s in enumerate(s for s in self.sources for _ in self.targets)
+            if s not in self.zero
+        ]
 
         def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
             found: Residues = self.coefficients(field, geometry, rng)[chosen]
@@ -97,7 +116,9 @@ class Kernel:
             self.cost,
         )
 
-    def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator) -> Residues:
+    def coefficients(
+        self, field: PrimeField, geometry: Geometry, rng: np.random.Generator
+    ) -> Residues:
         """Coefficients at given geometries: array of shape (sources · targets, geometries)."""
         return self.sampler.coefficients(field, geometry, rng, len(self.sources))
 
@@ -126,17 +147,29 @@ class Relation:
         """Symbols that the coefficients may depend on."""
         return frozenset((*self.kernel.symbols, *self.frame.symbols()))
 
-    def changes(self, kinds: Iterable[int], number: Callable[[Polynomial], T]) -> dict[int, dict[int, T]]:
+    def changes(
+        self, kinds: Iterable[int], number: Callable[[Polynomial], T]
+    ) -> dict[int, dict[int, T]]:
         """Parameters of the whole body about the kernel's frame, as combinations of those about its own."""
         chosen = sorted(set(kinds))
         if self.frame.is_identity or not chosen:
             return {}
-        rows = [(*row, t) for row, t in zip(self.frame.rotation, self.frame.translation, strict=True)]
-        plain = [[entry if entry.number is None else entry.number for entry in row] for row in rows]
+        rows = [
+            (*row, t)
+            for row, t in zip(self.frame.rotation, self.frame.translation, strict=True)
+        ]
+        plain = [
+            [entry if entry.number is None else entry.number for entry in row]
+            for row in rows
+        ]
         units = np.eye(PER_BODY, dtype=int)[chosen].astype(object)
         moved = move(units, np.array([*plain, [0, 0, 0, 1]], dtype=object))
         return {
-            kind: {k: number(_integral(as_polynomial(entry))) for k, entry in enumerate(row) if entry}
+            kind: {
+                k: number(_integral(as_polynomial(entry)))
+                for k, entry in enumerate(row)
+                if entry
+            }
             for kind, row in zip(chosen, moved, strict=True)
         }
 
@@ -144,12 +177,23 @@ class Relation:
         self,
         combinations: Mapping[int, dict[int, T]],
         number: Callable[[Polynomial], T],
-        put: Callable[[dict[int, T], dict[int, dict[int, T]]], dict[int, T] | None] = substituted,
+        put: Callable[
+            [dict[int, T], dict[int, dict[int, T]]], dict[int, T] | None
+        ] = substituted,
     ) -> dict[int, dict[int, T]]:
         """The targets as combinations of columns of X, without those for which nothing can be put in."""
-        changes = self.changes((k for c in combinations.values() for k in c if k < PER_BODY), number)
-        found = ((target, put(combination, changes)) for target, combination in combinations.items())
-        return {self.columns[t]: {self.columns[k]: v for k, v in c.items()} for t, c in found if c is not None}
+        changes = self.changes(
+            (k for c in combinations.values() for k in c if k < PER_BODY), number
+        )
+        found = (
+            (target, put(combination, changes))
+            for target, combination in combinations.items()
+        )
+        return {
+            self.columns[t]: {self.columns[k]: v for k, v in c.items()}
+            for t, c in found
+            if c is not None
+        }
 
 
 def relations(mechanism: Mechanism, structure: Structure) -> list[Relation]:
@@ -168,7 +212,9 @@ def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relat
         shared.setdefault((targets, pair_signature(mechanism, index)), []).append(index)
     for (targets, _), indices in shared.items():
         pair = floating_pair(mechanism, indices[0])
-        everywhere = frozenset.intersection(*(_vanishing(*places[index], zero) for index in indices))
+        everywhere = frozenset.intersection(
+            *(_vanishing(*places[index], zero) for index in indices)
+        )
         sources = [k for k in range(len(places[indices[0]][0])) if k not in targets]
         rows = Rows(energy_form(pair), 1).columns([*sources, *targets])
         degrees = _degrees(pair, sources, targets)
@@ -176,7 +222,9 @@ def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relat
         yield from (Relation(kernel, *places[index]) for index in indices)
 
 
-def _vanishing(columns: Sequence[int], placement: Placement, zero: frozenset[int]) -> frozenset[int]:
+def _vanishing(
+    columns: Sequence[int], placement: Placement, zero: frozenset[int]
+) -> frozenset[int]:
     """Numbers of a pair's columns that vanish in X; with a change of frame, the ten of the parent do together."""
     found = frozenset(k for k, c in enumerate(columns) if c in zero)
     parent = frozenset(range(PER_BODY))
@@ -187,13 +235,19 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
     rows = rows_of(mechanism)
     if structure.functions_are_free and rows.freed is not None:
         rows = rows.freed
-    together = rows.forms.loops is not None  # to close them costs more than to solve for more columns
+    together = (
+        rows.forms.loops is not None
+    )  # to close them costs more than to solve for more columns
     groups: dict[int | None, list[int]] = {}
     for column, support in structure.by_robot.items():
         if support:
             body = mechanism.columns[column].body
-            alone = not (together or rows.forms.rational) and body is None  # some may have no closed form
-            groups.setdefault(None if together else -1 - column if alone else body, []).append(column)
+            alone = (
+                not (together or rows.forms.rational) and body is None
+            )  # some may have no closed form
+            groups.setdefault(
+                None if together else -1 - column if alone else body, []
+            ).append(column)
     for targets in groups.values():
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)
@@ -201,7 +255,13 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
         roles = symbol_roles(mechanism)
         if not every.forms.rational and rows.forms.loops is None:
             first, second = irrational_roots(every.forms)
-            roles = replace(roles, irrational=(roles.irrational[0] or first, roles.irrational[1] or second))
+            roles = replace(
+                roles,
+                irrational=(
+                    roles.irrational[0] or first,
+                    roles.irrational[1] or second,
+                ),
+            )
         kernel = Kernel(roles, every, sources, targets, frozenset(), degrees)
         yield Relation(kernel, range(structure.parameters))
 
@@ -214,28 +274,46 @@ def linear_relations(forms: LinearForms, structure: Structure) -> list[Relation]
     if structure.functions_are_free and forms.freed is not None:
         forms = forms.freed
     targets = [column for column, support in structure.by_robot.items() if support]
-    groups = [targets] if targets and forms.rational else [[target] for target in targets]
+    groups = (
+        [targets] if targets and forms.rational else [[target] for target in targets]
+    )
     found = list[Relation]()
     roles = SymbolRoles(frozenset(), frozenset(), frozenset(), irrational_roots(forms))
     for group in groups:
         sources = sorted({c for t in group for c in structure.by_robot[t]})
         rows = Rows(forms, 0).columns([*sources, *group])
-        found.append(Relation(Kernel(roles, rows, sources, group, frozenset(), None), range(structure.parameters)))
+        found.append(
+            Relation(
+                Kernel(roles, rows, sources, group, frozenset(), None),
+                range(structure.parameters),
+            )
+        )
     return found
 
 
 def _integral(polynomial: Polynomial) -> Polynomial:
     """A polynomial whose whole coefficients are integers."""
     terms = polynomial.terms.items()
-    return Polynomial({m: int(c) if isinstance(c, Fraction) and c.denominator == 1 else c for m, c in terms})
+    return Polynomial(
+        {
+            m: int(c) if isinstance(c, Fraction) and c.denominator == 1 else c
+            for m, c in terms
+        }
+    )
 
 
-def _degrees(mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int]) -> list[int] | None:
+def _degrees(
+    mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int]
+) -> list[int] | None:
     """Powers of length of the coefficients; None where parameters of effects make them inhomogeneous."""
     columns = mechanism.columns
     if any(columns[c].kind is None for c in (*sources, *targets)):
         return None
-    return [columns[s].length_degree - columns[t].length_degree for s in sources for t in targets]
+    return [
+        columns[s].length_degree - columns[t].length_degree
+        for s in sources
+        for t in targets
+    ]
 
 
 # -- interpolation ----------------------------------------------------------------------------------------------------
@@ -266,8 +344,12 @@ def closed_columns(
         report(f"closed forms: {len(raw) - len(zero)} of {total} columns")
         combinations = _interpolated(kernel, rng, work, share)
         for relation in kernels[kernel]:
-            raw |= relation.placed(combinations, RationalFunction, partial(_substituted, work))
-    dependent = {column for relation in found for column in relation.targets} | set(zero)
+            raw |= relation.placed(
+                combinations, RationalFunction, partial(_substituted, work)
+            )
+    dependent = {column for relation in found for column in relation.targets} | set(
+        zero
+    )
     solved: dict[int, Combination] = {}
     for column in sorted(raw):
         if all(c in solved for c in raw[column] if c in dependent):
@@ -277,7 +359,9 @@ def closed_columns(
     return solved
 
 
-def _interpolated(kernel: Kernel, rng: np.random.Generator, work: Work, most: float) -> dict[int, Combination]:
+def _interpolated(
+    kernel: Kernel, rng: np.random.Generator, work: Work, most: float
+) -> dict[int, Combination]:
     """The targets whose coefficients all have closed forms within a share of the work."""
     share = work.share(most)
     try:
@@ -297,17 +381,23 @@ def _interpolated(kernel: Kernel, rng: np.random.Generator, work: Work, most: fl
     return {target: column for target, column in columns.items() if column is not None}
 
 
-def _substituted(work: Work, combination: Combination, solved: Mapping[int, Combination]) -> Combination | None:
+def _substituted(
+    work: Work, combination: Combination, solved: Mapping[int, Combination]
+) -> Combination | None:
     """A combination of columns as one of others, or None if it takes too much work."""
     products: dict[int, list[tuple[RationalFunction, RationalFunction]]] = {}
     for column, coefficient in combination.items():
         if column not in solved:
             products.setdefault(column, []).append((ONE, coefficient))
             continue
-        first = ONE if coefficient.is_one else coefficient  # so that what moves unchanged remains one object
+        first = (
+            ONE if coefficient.is_one else coefficient
+        )  # so that what moves unchanged remains one object
         for pivot, inner in solved[column].items():
             products.setdefault(pivot, []).append((first, inner))
-    true = [terms for terms in products.values() if len(terms) > 1 or terms[0][0] is not ONE]
+    true = [
+        terms for terms in products.values() if len(terms) > 1 or terms[0][0] is not ONE
+    ]
     if not work.take(sum(map(cost_of_products, true))):
         return None
     total = {pivot: sum_of_products(terms) for pivot, terms in sorted(products.items())}
@@ -324,7 +414,9 @@ def assembled(
     numbers: StatedNumbers | None = None,
 ) -> BaseMatrix:
     """B from its dependent columns as combinations of pivots."""
-    rows: dict[int, dict[int, RationalFunction]] = {p: {p: RationalFunction(1)} for p in pivots}
+    rows: dict[int, dict[int, RationalFunction]] = {
+        p: {p: RationalFunction(1)} for p in pivots
+    }
     for column, combination in columns.items():
         for pivot, coefficient in combination.items():
             rows[pivot][column] = coefficient

@@ -28,7 +28,13 @@ from echelon.base.reading_report import doubt_of_loops, report_reading
 from echelon.base.real_matrix import in_numbers
 from echelon.base.real_states import RealStates
 from echelon.base.stated_columns import StatedColumns
-from echelon.base.stated_values import RelationSearch, SpecialValues, at_stated_values, stated_structure, with_values
+from echelon.base.stated_values import (
+    RelationSearch,
+    SpecialValues,
+    at_stated_values,
+    stated_structure,
+    with_values,
+)
 from echelon.base.structure import (
     Structure,
     find_structure,
@@ -168,7 +174,9 @@ def base_parameters(
     model = model_of(mechanism)
     if isinstance(model, LinearModel):
         if order != "base-to-tip":
-            raise InputError("a linear model has no base and tip: choose representatives with prefer")
+            raise InputError(
+                "a linear model has no base and tip: choose representatives with prefer"
+            )
         return linear_base_parameters(model, prefer, seed, budget, generic=generic)
     mechanism, rng = model, random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
@@ -186,12 +194,27 @@ def base_parameters(
     if own is not mechanism:
         recorded = virtual_power_form(own)
         stated = model_at_stated_values(own, recorded)
-    certificate = certify(recorded, matrix, seed, None if generic else stated, structure.where_modes_meet)
+    certificate = certify(
+        recorded, matrix, seed, None if generic else stated, structure.where_modes_meet
+    )
     stated_rank = structure.rank if found.special is None else found.special.rank
-    reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix, structure.spectrum)
+    reading = report_reading(
+        mechanism,
+        stated_rank,
+        rng,
+        recorded,
+        None if generic else matrix,
+        structure.spectrum,
+    )
     if matrix is not classical:
-        reading = replace(reading, notes=(*reading.notes, exchange_note(own, classical, matrix)))
-    if doubt := found.doubt or reading.doubt or ("" if generic else doubt_of_coefficients(own, matrix, recorded)):
+        reading = replace(
+            reading, notes=(*reading.notes, exchange_note(own, classical, matrix))
+        )
+    if (
+        doubt := found.doubt
+        or reading.doubt
+        or ("" if generic else doubt_of_coefficients(own, matrix, recorded))
+    ):
         reading = replace(reading, doubt=doubt)
     return BaseModel(own, matrix, certificate, reading, seed, found.special, generic)
 
@@ -205,21 +228,30 @@ def base_matrix(
     report: Callable[[str], None],
 ) -> BaseMatrix:
     """B for a column order."""
-    if structure.real is not None and not structure.by_joint and not named_symbols(mechanism):
+    if (
+        structure.real is not None
+        and not structure.by_joint
+        and not named_symbols(mechanism)
+    ):
         return _in_numbers(mechanism, structure.real, order)
     work = Work.of(budget)
     found = relations(mechanism, structure)
     zero = [column for column, support in structure.by_robot.items() if not support]
     classical = tuple(range(structure.parameters))
     closed = closed_columns(found, zero, rng, work, report)
-    open_columns = [c for relation in found for c in relation.targets if c not in closed]
+    open_columns = [
+        c for relation in found for c in relation.targets if c not in closed
+    ]
     if not open_columns:
         matrix = assembled(mechanism.parameters, structure.pivots, closed, classical)
         other = matrix if order == classical else reordered(matrix, order, rng, work)
         if other is not None:
             return other
     report("numbers in place of closed forms")
-    if any(isinstance(r.kernel.sampler, RealStates) and not closed.keys() >= {*r.targets} for r in found):
+    if any(
+        isinstance(r.kernel.sampler, RealStates) and not closed.keys() >= {*r.targets}
+        for r in found
+    ):
         silent = sorted(all_symbols(mechanism) - known_values(mechanism).keys())
         if silent:
             raise ClosedFormError(
@@ -228,16 +260,24 @@ def base_matrix(
             )
         stated = real_structure(mechanism, rng, rows_of(mechanism), in_numbers=True)
         assert stated.real is not None
-        return _in_numbers(mechanism, stated.real, order, closed if order == classical else {})
+        return _in_numbers(
+            mechanism, stated.real, order, closed if order == classical else {}
+        )
     # fractions that were not found although enough work was left are longer than anybody reads
-    cheap = (r for r in found if not r.kernel.symbols and MOST_PRIMES * r.kernel.cost < work.operations)
+    cheap = (
+        r
+        for r in found
+        if not r.kernel.symbols and MOST_PRIMES * r.kernel.cost < work.operations
+    )
     short = all(closed.keys() >= {*r.targets} for r in cheap)
     columns = StatedColumns(mechanism, found, zero, order, rng, exact=short)
     if order != classical:  # an exchange of representatives mixes the columns
         pivots = set(columns.pivots)
         closed, open_columns = {}, [c for c in classical if c not in pivots]
     numbers, meaning = columns.numbers(open_columns)
-    return assembled(mechanism.parameters, columns.pivots, closed | numbers, order, meaning)
+    return assembled(
+        mechanism.parameters, columns.pivots, closed | numbers, order, meaning
+    )
 
 
 def _in_numbers(
@@ -248,10 +288,22 @@ def _in_numbers(
 ) -> BaseMatrix:
     """B in numbers at the stated values of all symbols, but for columns with known closed forms."""
     at = value_texts(mechanism, all_symbols(mechanism))
-    roots = zip(symbol_roles(mechanism).irrational, irrational_roots(rows_of(mechanism).forms), strict=True)
+    roots = zip(
+        symbol_roles(mechanism).irrational,
+        irrational_roots(rows_of(mechanism).forms),
+        strict=True,
+    )
     first, second = (a or b for a, b in roots)
     named = bool(named_symbols(mechanism))
-    return in_numbers(mechanism.parameters, independent, order, at, (first, second), named=named, known=known)
+    return in_numbers(
+        mechanism.parameters,
+        independent,
+        order,
+        at,
+        (first, second),
+        named=named,
+        known=known,
+    )
 
 
 def base_of(source: BaseModel | Mechanism | Readable) -> BaseModel:
@@ -260,12 +312,16 @@ def base_of(source: BaseModel | Mechanism | Readable) -> BaseModel:
     if isinstance(found, BaseModel):
         return found
     if not isinstance(found, Mechanism):
-        raise InputError(f"a robot is needed, not a {type(found).__name__}", source=str(source))
+        raise InputError(
+            f"a robot is needed, not a {type(found).__name__}", source=str(source)
+        )
     return base_parameters(found)
 
 
 @public
-def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
+def base_structure(
+    mechanism: Mechanism | Readable, *, generic: bool = False, seed: int = DEFAULT_SEED
+) -> Structure:
     """Rank and representatives only, without closed forms.
 
     Warns with a :class:`~echelon.DoubtWarning` of what speaks against the rank, which :attr:`BaseModel.reading` tells
@@ -286,11 +342,15 @@ def base_structure(mechanism: Mechanism | Readable, *, generic: bool = False, se
     model, rng = mechanism_of(mechanism), random_generator(seed)
     if model.closures and not generic:
         beside, ways = from_regular_pose(model, rng)
-        answer = SpecialisedMechanism(beside, replace(stated_structure(beside, rng), ways=ways))
+        answer = SpecialisedMechanism(
+            beside, replace(stated_structure(beside, rng), ways=ways)
+        )
     else:
         answer = specialised(model, rng, generic=generic)
     if doubt := answer.doubt or doubt_of_loops(answer.mechanism):
-        warnings.warn(doubt, DoubtWarning, stacklevel=3)  # of the caller, behind the door
+        warnings.warn(
+            doubt, DoubtWarning, stacklevel=3
+        )  # of the caller, behind the door
     return answer.structure
 
 
@@ -303,7 +363,9 @@ class SpecialisedMechanism:
 
     mechanism: Mechanism
     structure: Structure  # for general values of the symbols that are left, which is that at the stated values
-    special: SpecialValues | None = None  # none where the stated values are like any others
+    special: SpecialValues | None = (
+        None  # none where the stated values are like any others
+    )
     undecided: str = ""  # why the structure at the stated values was not found
 
     @property
@@ -313,17 +375,27 @@ class SpecialisedMechanism:
 
 
 def specialised(
-    mechanism: Mechanism, rng: np.random.Generator, stated: AtStatedValues | None = None, *, generic: bool = False
+    mechanism: Mechanism,
+    rng: np.random.Generator,
+    stated: AtStatedValues | None = None,
+    *,
+    generic: bool = False,
 ) -> SpecialisedMechanism:
     """A mechanism for its stated values, and its structure there; ``stated`` spares recording the model again."""
     mechanism, ways = from_regular_pose(mechanism, rng)
     values = stated_values(mechanism)
     try:
         structure = replace(find_structure(mechanism, rng), ways=ways)
-    except DegenerateSampleError:  # loops such as Bennett's, whose lengths cannot be chosen freely
+    except (
+        DegenerateSampleError
+    ):  # loops such as Bennett's, whose lengths cannot be chosen freely
         if generic:
-            raise InputError("the loops close at the stated values of their lengths only: leave generic out") from None
-        return SpecialisedMechanism(mechanism, replace(stated_structure(mechanism, rng), ways=ways))
+            raise InputError(
+                "the loops close at the stated values of their lengths only: leave generic out"
+            ) from None
+        return SpecialisedMechanism(
+            mechanism, replace(stated_structure(mechanism, rng), ways=ways)
+        )
     if not values.names:
         return SpecialisedMechanism(mechanism, structure)
     if structure.functions_are_free:  # as at the stated values
@@ -331,8 +403,12 @@ def specialised(
     if structure.real is None:
         stated = stated or model_at_stated_values(mechanism)
         if _is_general(structure, stated, rng):
-            related = stated.fractions_of_pi and not _shown_in_balls(mechanism, structure, stated, rng)
-            return SpecialisedMechanism(mechanism, structure, undecided=_FRACTIONS_OF_PI if related else "")
+            related = stated.fractions_of_pi and not _shown_in_balls(
+                mechanism, structure, stated, rng
+            )
+            return SpecialisedMechanism(
+                mechanism, structure, undecided=_FRACTIONS_OF_PI if related else ""
+            )
     try:
         at_values = stated_structure(mechanism, rng)
     except EchelonError as error:
@@ -351,10 +427,14 @@ def specialised(
     special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
     if generic:
         return SpecialisedMechanism(mechanism, structure, special)
-    return SpecialisedMechanism(own, replace(find_structure(own, rng), ways=ways), special)
+    return SpecialisedMechanism(
+        own, replace(find_structure(own, rng), ways=ways), special
+    )
 
 
-def _is_general(structure: Structure, stated: AtStatedValues, rng: np.random.Generator) -> bool:
+def _is_general(
+    structure: Structure, stated: AtStatedValues, rng: np.random.Generator
+) -> bool:
     """Whether the general representatives are proved independent at the stated values."""
     try:
         return stated.minor(structure.pivots, rng).rank == structure.rank
@@ -369,12 +449,20 @@ _FRACTIONS_OF_PI = (
 
 
 def _shown_in_balls(
-    mechanism: Mechanism, structure: Structure, stated: AtStatedValues, rng: np.random.Generator
+    mechanism: Mechanism,
+    structure: Structure,
+    stated: AtStatedValues,
+    rng: np.random.Generator,
 ) -> bool:
     """Whether the representatives are independent at the true sines of fractions of π."""
     others = set(range(structure.parameters)) - set(structure.pivots)
     rows = tuple({pivot: RationalFunction(1)} for pivot in structure.pivots)
-    matrix = BaseMatrix(mechanism.parameters, structure.pivots, rows, (*structure.pivots, *sorted(others)))
+    matrix = BaseMatrix(
+        mechanism.parameters,
+        structure.pivots,
+        rows,
+        (*structure.pivots, *sorted(others)),
+    )
     try:
         check_in_balls(virtual_power_form(mechanism), matrix, (), stated.texts, rng)
     except CertificateError:
@@ -382,7 +470,9 @@ def _shown_in_balls(
     return True
 
 
-def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = None) -> AtStatedValues:
+def model_at_stated_values(
+    mechanism: Mechanism, recorded: LinearForms | None = None
+) -> AtStatedValues:
     """Rows of a mechanism with values put in for its symbols, for certificates.
 
     Parameters
@@ -398,12 +488,29 @@ def model_at_stated_values(mechanism: Mechanism, recorded: LinearForms | None = 
             return recorded
         return virtual_power_form(put_in)
 
-    values, texts = stated_values(mechanism), value_texts(mechanism, all_symbols(mechanism))
+    values, texts = (
+        stated_values(mechanism),
+        value_texts(mechanism, all_symbols(mechanism)),
+    )
     fractions_of_pi = any(turns for _, _, turns in values.multiples.values())
-    rounded = [name for name in inexact_symbols(mechanism) if mechanism.symbols[name].tangent_squared is None]
+    rounded = [
+        name
+        for name in inexact_symbols(mechanism)
+        if mechanism.symbols[name].tangent_squared is None
+    ]
     approximate = tuple(sorted(rounded))
     everywhere = has_values(mechanism)
-    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
+    terms = " ".join(
+        action.term for effect in mechanism.effects for action in effect.actions
+    )
     plain = recorded is not None and not any(name in terms for name in values.names)
     drawn = (recorded, values) if recorded is not None and plain else None
-    return AtStatedValues(record, texts, bool(values.names), everywhere, fractions_of_pi, approximate, drawn)
+    return AtStatedValues(
+        record,
+        texts,
+        bool(values.names),
+        everywhere,
+        fractions_of_pi,
+        approximate,
+        drawn,
+    )

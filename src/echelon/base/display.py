@@ -90,11 +90,15 @@ def headline(model: _RobotSet | _LinearSet) -> str:
     source = model.model if _is_linear(model) else model.mechanism
     rank, outputs = model.rank, len(source.outputs)
     kind = "parameters" if _is_linear(model) else "standard parameters"
-    count = f"{rank} base parameter{'s' * (rank != 1)} of {len(model.parameters)} {kind}"
+    count = (
+        f"{rank} base parameter{'s' * (rank != 1)} of {len(model.parameters)} {kind}"
+    )
     return f"{one_line(source.name)}: {count}, {outputs} output{'s' * (outputs != 1)}"
 
 
-def shown_expressions(model: _RobotSet | _LinearSet, *, full: bool) -> tuple[Expression, ...]:
+def shown_expressions(
+    model: _RobotSet | _LinearSet, *, full: bool
+) -> tuple[Expression, ...]:
     """The expressions to print: with all formulas, or with values in the place of those that nobody can read."""
     return model.expressions if full else model.readable
 
@@ -110,16 +114,24 @@ def to_text(model: _RobotSet | _LinearSet, *, full: bool = False) -> str:
     return "\n".join(lines)
 
 
-_MARKS = {Identifiability.ALONE: "●", Identifiability.COMBINATION: "◐", Identifiability.UNIDENTIFIABLE: "·"}
+_MARKS = {
+    Identifiability.ALONE: "●",
+    Identifiability.COMBINATION: "◐",
+    Identifiability.UNIDENTIFIABLE: "·",
+}
 
 
 def legend(model: _RobotSet) -> str:
     """The meaning of the marks of :func:`classification_rows`, with counts."""
     found = list(model.classification.values())
-    return "   ".join(f"{mark} {kind.value}: {found.count(kind)}" for kind, mark in _MARKS.items())
+    return "   ".join(
+        f"{mark} {kind.value}: {found.count(kind)}" for kind, mark in _MARKS.items()
+    )
 
 
-def classification_rows(model: _RobotSet) -> list[tuple[str, list[tuple[str, Identifiability | None]]]]:
+def classification_rows(
+    model: _RobotSet,
+) -> list[tuple[str, list[tuple[str, Identifiability | None]]]]:
     """One row per body: its label and name, and a mark and class for each of XX … M; blank where it is not carried."""
     classes = list(model.classification.values())
     rows: list[tuple[str, list[tuple[str, Identifiability | None]]]] = []
@@ -127,9 +139,12 @@ def classification_rows(model: _RobotSet) -> list[tuple[str, list[tuple[str, Ide
         body, first = model.mechanism.bodies[index], model.mechanism.first_column[index]
         kinds = {kind: classes[first + k] for k, kind in enumerate(body.carried)}
         cells: list[tuple[str, Identifiability | None]] = [
-            (_MARKS[kinds[k]], kinds[k]) if k in kinds else (" ", None) for k in range(PER_BODY)
+            (_MARKS[kinds[k]], kinds[k]) if k in kinds else (" ", None)
+            for k in range(PER_BODY)
         ]
-        rows.append((one_line(f"{body.label}  {model.mechanism.carrier_name(index)}"), cells))
+        rows.append(
+            (one_line(f"{body.label}  {model.mechanism.carrier_name(index)}"), cells)
+        )
     return rows
 
 
@@ -143,7 +158,10 @@ def classification_lines(model: _RobotSet | _LinearSet) -> list[str]:
     width = max(len("body"), *(len(title) for title, _ in rows))
     lines = [f"{'body':<{width}}  {'  '.join(PARAMETERS)}"]
     for title, marks in rows:
-        cells = "  ".join(f"{mark:^{len(name)}}" for (mark, _), name in zip(marks, PARAMETERS, strict=True))
+        cells = "  ".join(
+            f"{mark:^{len(name)}}"
+            for (mark, _), name in zip(marks, PARAMETERS, strict=True)
+        )
         lines.append(f"{title:<{width}}  {cells}")
     return [*lines, legend(model)]
 
@@ -155,7 +173,9 @@ def _classes(base: _LinearSet) -> list[tuple[str, str]]:
     return [(kind, ", ".join(names)) for kind, names in grouped.items()]
 
 
-def facts(model: _RobotSet | _LinearSet, *, full: bool = False) -> list[tuple[str, str]]:
+def facts(
+    model: _RobotSet | _LinearSet, *, full: bool = False
+) -> list[tuple[str, str]]:
     """Further facts by label: symbols, snapping, notes, certificate; ``full`` where all formulas are shown."""
     found = _linear_facts(model) if _is_linear(model) else _robot_facts(model)
     found = [*([] if full else [("long formulas", _long_text(model))]), *found]
@@ -163,10 +183,17 @@ def facts(model: _RobotSet | _LinearSet, *, full: bool = False) -> list[tuple[st
 
 
 def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
-    values = {n: v for n, v in base.model.constants.items() if v is not None and n in base.matrix.symbols}
+    values = {
+        n: v
+        for n, v in base.model.constants.items()
+        if v is not None and n in base.matrix.symbols
+    }
     return [
         ("constants", ", ".join(f"{n} = {v}" for n, v in values.items())),
-        ("numbers", numbers_text(base, base.matrix.numbers) if base.matrix.numbers else ""),
+        (
+            "numbers",
+            numbers_text(base, base.matrix.numbers) if base.matrix.numbers else "",
+        ),
         ("stated values", base.special.text("model") if base.special else ""),
         ("largest coefficient", _size_text(base)),
         ("certificate", str(base.certificate)),
@@ -174,11 +201,18 @@ def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
 
 
 def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
-    used = [model.mechanism.symbols[s] for s in model.matrix.symbols if s in model.mechanism.symbols]
+    used = [
+        model.mechanism.symbols[s]
+        for s in model.matrix.symbols
+        if s in model.mechanism.symbols
+    ]
     numbers, reading = model.matrix.numbers, model.reading
     rounding = "coefficients below 1e-11, from rounding where loops close"
     return [
-        ("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)),
+        (
+            "symbols",
+            ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used),
+        ),
         ("stated values", model.special.text("robot") if model.special else ""),
         ("numbers", numbers_text(model, numbers) if numbers else ""),
         ("largest coefficient", _size_text(model)),
@@ -189,17 +223,28 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
         *(("note", note) for note in reading.notes),
         ("doubt", reading.doubt),
         ("certificate", str(model.certificate)),
-        ("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)"),
+        (
+            "assumes",
+            f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)",
+        ),
     ]
 
 
 def _long_text(model: _RobotSet | _LinearSet) -> str:
     """How many formulas are not shown, and where they are; empty if none."""
-    coefficients = [group.coefficient for expression in model.expressions for group in expression.groups]
+    coefficients = [
+        group.coefficient
+        for expression in model.expressions
+        for group in expression.groups
+    ]
     lengths = [terms for terms in map(count_terms, coefficients) if terms > MOST_TERMS]
     if not lengths:
         return ""
-    span = f"{min(lengths)}" if len(set(lengths)) == 1 else f"{min(lengths)} to {max(lengths)}"
+    span = (
+        f"{min(lengths)}"
+        if len(set(lengths)) == 1
+        else f"{min(lengths)} to {max(lengths)}"
+    )
     return (
         f"{len(lengths)} coefficient{'s' * (len(lengths) != 1)} of {span} terms shown by value, or by the number of "
         "terms where symbols have no values; --full and saved sets have the formulas"
@@ -240,27 +285,41 @@ def snap_summary(model: _RobotSet) -> str:
     if reading.literal_rank == model.rank:
         return f"{text}; the literal reading gives {reading.literal_rank} too"
     decisive = "; ".join(str(snap) for snap in reading.decisive)
-    return (
-        f"{text}; the literal reading would give {reading.literal_rank} instead of {model.rank}, because of {decisive}"
-    )
+    return f"{text}; the literal reading would give {reading.literal_rank} instead of {model.rank}, because of {decisive}"
 
 
 def to_markdown(model: _RobotSet | _LinearSet, *, full: bool = False) -> str:
     """A Markdown table with closed forms and classification."""
     name = one_line(model.model.name if _is_linear(model) else model.mechanism.name)
-    lines = [f"# Base parameters of {_cell(name)}", "", _cell(headline(model)) + ".", ""]
+    lines = [
+        f"# Base parameters of {_cell(name)}",
+        "",
+        _cell(headline(model)) + ".",
+        "",
+    ]
     lines += ["| # | base parameter | unit |", "|--:|---|---|"]
     shown = shown_expressions(model, full=full)
-    lines += [f"| {i + 1} | {_cell(str(e))} | {_cell(e.unit)} |" for i, e in enumerate(shown)]
+    lines += [
+        f"| {i + 1} | {_cell(str(e))} | {_cell(e.unit)} |" for i, e in enumerate(shown)
+    ]
     noted = facts(model, full=full)
     if _is_linear(model):
         noted = [*_classes(model), *noted]
     else:
-        lines += ["", f"| body | {' | '.join(PARAMETERS)} |", "|---|" + ":-:|" * PER_BODY]
+        lines += [
+            "",
+            f"| body | {' | '.join(PARAMETERS)} |",
+            "|---|" + ":-:|" * PER_BODY,
+        ]
         for title, marks in classification_rows(model):
-            lines.append(f"| {_cell(title)} | {' | '.join(mark for mark, _ in marks)} |")
+            lines.append(
+                f"| {_cell(title)} | {' | '.join(mark for mark, _ in marks)} |"
+            )
         lines += ["", legend(model)]
-    return "\n".join([*lines, "", *(f"- {label}: {_cell(text)}" for label, text in noted)]) + "\n"
+    return (
+        "\n".join([*lines, "", *(f"- {label}: {_cell(text)}" for label, text in noted)])
+        + "\n"
+    )
 
 
 def _cell(text: str) -> str:
@@ -270,12 +329,27 @@ def _cell(text: str) -> str:
 
 def to_latex(model: _RobotSet | _LinearSet, *, full: bool = False) -> str:
     """A longtable-free LaTeX fragment: aligned equations that need only amsmath, and a comment with the facts."""
-    comments = [f"% {line}" for line in (headline(model), *(f"{a}: {b}" for a, b in facts(model, full=full)))]
+    comments = [
+        f"% {line}"
+        for line in (
+            headline(model),
+            *(f"{a}: {b}" for a, b in facts(model, full=full)),
+        )
+    ]
     rows = _latex_rows(model, full=full)
-    pages = [rows[k : k + _LATEX_ROWS_PER_PAGE] for k in range(0, len(rows), _LATEX_ROWS_PER_PAGE)]
-    blocks = ["\\begin{align*}\n" + " \\\\\n".join(page) + "\n\\end{align*}" for page in pages]
+    pages = [
+        rows[k : k + _LATEX_ROWS_PER_PAGE]
+        for k in range(0, len(rows), _LATEX_ROWS_PER_PAGE)
+    ]
+    blocks = [
+        "\\begin{align*}\n" + " \\\\\n".join(page) + "\n\\end{align*}" for page in pages
+    ]
     symbols = {} if _is_linear(model) else model.mechanism.symbols
-    values = [f"${latex_symbol(s)} = {_latex_value(symbols[s])}$" for s in model.matrix.symbols if s in symbols]
+    values = [
+        f"${latex_symbol(s)} = {_latex_value(symbols[s])}$"
+        for s in model.matrix.symbols
+        if s in symbols
+    ]
     where = ["Values: " + ", ".join(values) + "."] if values else []
     return "\n".join([*comments, *blocks, *where]) + "\n"
 
@@ -290,12 +364,19 @@ def _latex_value(symbol: Symbol) -> str:
 
 def aligned_latex(model: _RobotSet | _LinearSet) -> str:
     """All equations in one ``aligned`` block, for notebooks."""
-    return "\\begin{aligned}" + " \\\\ ".join(_latex_rows(model, full=False)) + "\\end{aligned}"
+    return (
+        "\\begin{aligned}"
+        + " \\\\ ".join(_latex_rows(model, full=False))
+        + "\\end{aligned}"
+    )
 
 
 def _latex_rows(model: _RobotSet | _LinearSet, *, full: bool) -> list[str]:
     style = _PlainLatex() if _is_linear(model) else LatexStyle()
-    return [f"\\bar\\zeta_{{{i + 1}}} &= {render(e, style)}" for i, e in enumerate(shown_expressions(model, full=full))]
+    return [
+        f"\\bar\\zeta_{{{i + 1}}} &= {render(e, style)}"
+        for i, e in enumerate(shown_expressions(model, full=full))
+    ]
 
 
 def to_html(model: _RobotSet) -> str:
@@ -309,7 +390,9 @@ def to_html(model: _RobotSet) -> str:
         for title, marks in classification_rows(model)
     )
     columns = "".join(f"<th>{name}</th>" for name in PARAMETERS)
-    notes = "".join(f"<li>{escape(f'{label}: {text}')}</li>" for label, text in facts(model))
+    notes = "".join(
+        f"<li>{escape(f'{label}: {text}')}</li>" for label, text in facts(model)
+    )
     head = "<tr><th>#</th><th>base parameter</th><th>unit</th></tr>"
     table = f"<table>{head}{rows}</table>"
     seen = f"<table><tr><th>body</th>{columns}</tr>{classes}</table><p>{escape(legend(model))}</p>"

@@ -17,7 +17,14 @@ import flint
 import numpy as np
 
 from echelon.arrays import Floats, Integers, independent_columns, pivoted_qr
-from echelon.base.ball_tables import Balls, doubles, left_of, solved, solved_for, vanishes
+from echelon.base.ball_tables import (
+    Balls,
+    doubles,
+    left_of,
+    solved,
+    solved_for,
+    vanishes,
+)
 
 _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""
@@ -86,19 +93,33 @@ class Independent:
         auxiliary, rows = relations.auxiliary, doubles(relations.table)
         chosen = self.pivots[:count]
         spanned, _ = _least_squares(rows, auxiliary, chosen)
-        ranked = [order[k] for k in independent_columns(spanned[:, list(order)], _FAINT)]
-        pivots = tuple(ranked) if len(ranked) == count else tuple(column for column in order if column in set(chosen))
+        ranked = [
+            order[k] for k in independent_columns(spanned[:, list(order)], _FAINT)
+        ]
+        pivots = (
+            tuple(ranked)
+            if len(ranked) == count
+            else tuple(column for column in order if column in set(chosen))
+        )
         solution, error = _least_squares(rows, auxiliary, pivots)
         others = tuple(column for column in order if column not in set(pivots))
         sizes = np.array([float(x) for x in relations.sizes[auxiliary:]])
         found = solution[:, list(others)]
         place = {column: k for k, column in enumerate(order)}
-        before = np.array([[place[c] < place[p] for c in others] for p in pivots]).reshape(found.shape)
+        before = np.array(
+            [[place[c] < place[p] for c in others] for p in pivots]
+        ).reshape(found.shape)
         found[(np.abs(found) <= error) | (before & (np.abs(found) <= _FAINT))] = 0.0
         scales = sizes[list(others)] / sizes[list(pivots)][:, None]
         left_open = np.where(found, error, 0.0) * scales
-        balls = np.frompyfunc(flint.arb, 2, 1)(found * scales, left_open).astype(object).reshape(found.shape)
-        return Independent(pivots, self.shown[:count], others, balls, self.bits, relations, error)
+        balls = (
+            np.frompyfunc(flint.arb, 2, 1)(found * scales, left_open)
+            .astype(object)
+            .reshape(found.shape)
+        )
+        return Independent(
+            pivots, self.shown[:count], others, balls, self.bits, relations, error
+        )
 
     def order_of(self, order: Sequence[int]) -> tuple[int, ...]:
         """An order in which the basis is in echelon form: the given one, or else that with the pivots first."""
@@ -130,21 +151,35 @@ class Independent:
         with flint.ctx.workprec(self.bits):
             basis = self.basis
             chosen = sorted(self.pivots, key=place.__getitem__)
-            firm = [order[k] for k in independent_columns(_of_size_one(basis[:, list(order)])[0], _REMAINS)]
-            if len(firm) == count and (exchanged := solved_for(basis, firm)) is not None:
+            firm = [
+                order[k]
+                for k in independent_columns(
+                    _of_size_one(basis[:, list(order)])[0], _REMAINS
+                )
+            ]
+            if (
+                len(firm) == count
+                and (exchanged := solved_for(basis, firm)) is not None
+            ):
                 basis, chosen = exchanged, firm
             while (swap := _too_late(basis, chosen, order, self.bits)) is not None:
                 row, column = swap
                 chosen[row] = column
                 chosen.sort(key=place.__getitem__)
                 found = solved_for(self.basis, chosen)
-                assert found is not None  # an exchange for a column with a coefficient keeps them independent
+                assert (
+                    found is not None
+                )  # an exchange for a column with a coefficient keeps them independent
                 basis = found
         others = tuple(column for column in order if column not in set(chosen))
-        return Independent(tuple(chosen), (), others, basis[:, list(others)], self.bits, self.relations)
+        return Independent(
+            tuple(chosen), (), others, basis[:, list(others)], self.bits, self.relations
+        )
 
 
-def _least_squares(rows: Floats, auxiliary: int, pivots: Sequence[int]) -> tuple[Floats, float]:
+def _least_squares(
+    rows: Floats, auxiliary: int, pivots: Sequence[int]
+) -> tuple[Floats, float]:
     """All columns behind the auxiliary ones as combinations of some, (pivots, columns), and how much they are open."""
     left = rows[:, [*range(auxiliary), *(auxiliary + column for column in pivots)]]
     inverse = np.linalg.pinv(left)
@@ -154,7 +189,9 @@ def _least_squares(rows: Floats, auxiliary: int, pivots: Sequence[int]) -> tuple
     return solution[auxiliary:], error
 
 
-def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: int) -> tuple[int, int] | None:
+def _too_late(
+    basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: int
+) -> tuple[int, int] | None:
     """The first column that depends on a pivot behind it in the order, and the row of the last such pivot."""
     rows = {column: row for row, column in enumerate(chosen)}
     passed = 0
@@ -168,7 +205,9 @@ def _too_late(basis: Balls, chosen: Sequence[int], order: Sequence[int], bits: i
     return None
 
 
-def sizes_shown(table: Balls, bits: int, auxiliary: int, units: Sequence[float] | None) -> list[float]:
+def sizes_shown(
+    table: Balls, bits: int, auxiliary: int, units: Sequence[float] | None
+) -> list[float]:
     """How much each independent column shows beside those before, descending, as far as the precision tells."""
     shown = list[float]()
     eliminated(table, bits, auxiliary, units, shown)
@@ -194,14 +233,18 @@ def eliminated(
     shown = [] if shown is None else shown
     left = list(range(table.shape[1]))
     first = list(range(auxiliary))
-    state = _with_more(table, table, pivots, rows, first) if first else (table[:0], table)
+    state = (
+        _with_more(table, table, pivots, rows, first) if first else (table[:0], table)
+    )
     if first:
         pivots, left = first, left[auxiliary:]
     while state is not None:
         solution, rest = state
         verdicts = {vanishes(x, bits) for x in rest.flat}
         if verdicts <= {True}:
-            return _independent(table, pivots, shown, left, solution, sizes, auxiliary, bits)
+            return _independent(
+                table, pivots, shown, left, solution, sizes, auxiliary, bits
+            )
         if False not in verdicts:
             return None
         lengths, ranked, size = _most_independent(rest)
@@ -230,7 +273,9 @@ def _with_more(
     left = [column for column in range(table.shape[1]) if column not in set(pivots)]
     unused = [row for row in range(len(table)) if row not in set(rows)]
     places = [left.index(column) for column in new]
-    chosen = [unused[k] for k in pivoted_qr(_as_doubles(rest[:, places]).T)[1][: len(new)]]
+    chosen = [
+        unused[k] for k in pivoted_qr(_as_doubles(rest[:, places]).T)[1][: len(new)]
+    ]
     used, solved_by = [*rows, *chosen], [*pivots, *new]
     others = [column for column in left if column not in set(new)]
     solution = solved(table, used, solved_by, others)
@@ -285,10 +330,18 @@ def _scaled(table: Balls, units: Sequence[float] | None = None) -> tuple[Balls, 
     """The table with columns of about size one, and their sizes, powers of two; 1 for columns that may vanish."""
     sizes = np.array([_power_of_two(column) for column in table.T], dtype=object)
     if units is not None:
-        comparable = [(float(size) / unit, unit) for size, unit in zip(sizes, units, strict=True)]
+        comparable = [
+            (float(size) / unit, unit) for size, unit in zip(sizes, units, strict=True)
+        ]
         largest = max((size for size, unit in comparable if unit != inf), default=0.0)
-        least = [SMALLEST_SHARE * largest * unit if unit != inf else 0.0 for _, unit in comparable]
-        sizes = np.array([max(size, flint.arb(x)) for size, x in zip(sizes, least, strict=True)], dtype=object)
+        least = [
+            SMALLEST_SHARE * largest * unit if unit != inf else 0.0
+            for _, unit in comparable
+        ]
+        sizes = np.array(
+            [max(size, flint.arb(x)) for size, x in zip(sizes, least, strict=True)],
+            dtype=object,
+        )
     return table / sizes, sizes
 
 

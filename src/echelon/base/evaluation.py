@@ -93,7 +93,9 @@ class Evaluation(ABC):
             If there is no such function, or it is one of mechanisms with loops and there are none.
         """
         if name not in self._functions:
-            self._functions[name] = robot_function(name, self.mechanism, self.matrix.pivots)
+            self._functions[name] = robot_function(
+                name, self.mechanism, self.matrix.pivots
+            )
         return self._functions[name]
 
     # -- regressors ----------------------------------------------------------------------------------------------
@@ -115,7 +117,9 @@ class Evaluation(ABC):
         -------
         array of shape (N, outputs, base parameters)
         """
-        return self._evaluator("regressor")({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads)
+        return self._evaluator("regressor")(
+            {"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads
+        )
 
     def regressor_entries(
         self,
@@ -136,7 +140,9 @@ class Evaluation(ABC):
         -------
         array of shape (N, entries)
         """
-        return self._evaluator("entries")({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads)
+        return self._evaluator("entries")(
+            {"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads
+        )
 
     @property
     def sparsity(self) -> npt.NDArray[np.intp]:
@@ -161,7 +167,9 @@ class Evaluation(ABC):
         -------
         array of shape (N, outputs, standard parameters)
         """
-        return self._evaluator("standard_regressor")({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads)
+        return self._evaluator("standard_regressor")(
+            {"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads
+        )
 
     # -- outputs -------------------------------------------------------------------------------------------------
 
@@ -189,10 +197,17 @@ class Evaluation(ABC):
         return self._evaluator("inverse_dynamics")(state, symbols, inputs, out, threads)
 
     def gravity(
-        self, q: npt.ArrayLike, values: npt.ArrayLike, symbols: Symbols = None, *, threads: int | None = None
+        self,
+        q: npt.ArrayLike,
+        values: npt.ArrayLike,
+        symbols: Symbols = None,
+        *,
+        threads: int | None = None,
     ) -> Floats:
         """The outputs that hold the bodies' weight at rest, shape (N, outputs); see :class:`Evaluation`."""
-        return self._evaluator("gravity")({"q": q, "parameters": values}, symbols, None, None, threads)
+        return self._evaluator("gravity")(
+            {"q": q, "parameters": values}, symbols, None, None, threads
+        )
 
     def coriolis(
         self,
@@ -204,7 +219,9 @@ class Evaluation(ABC):
         threads: int | None = None,
     ) -> Floats:
         """The Coriolis and centrifugal outputs C(q, q̇) q̇, shape (N, outputs); see :class:`Evaluation`."""
-        return self._evaluator("coriolis")({"q": q, "qd": qd, "parameters": values}, symbols, None, None, threads)
+        return self._evaluator("coriolis")(
+            {"q": q, "qd": qd, "parameters": values}, symbols, None, None, threads
+        )
 
     def effects(
         self,
@@ -220,16 +237,25 @@ class Evaluation(ABC):
 
         Arguments are those of :class:`Evaluation`.
         """
-        return self._evaluator("effects")({"q": q, "qd": qd, "parameters": values}, symbols, inputs, None, threads)
+        return self._evaluator("effects")(
+            {"q": q, "qd": qd, "parameters": values}, symbols, inputs, None, threads
+        )
 
     def mass_matrix(
-        self, q: npt.ArrayLike, values: npt.ArrayLike, symbols: Symbols = None, *, threads: int | None = None
+        self,
+        q: npt.ArrayLike,
+        values: npt.ArrayLike,
+        symbols: Symbols = None,
+        *,
+        threads: int | None = None,
     ) -> Floats:
         """The mass matrix ∂y/∂q̈, shape (N, outputs, independent velocities).
 
         The outputs are ``mass_matrix · q̈ + coriolis + gravity + effects``.  Arguments are those of :class:`Evaluation`.
         """
-        return self._evaluator("mass_matrix")({"q": q, "parameters": values}, symbols, None, None, threads)
+        return self._evaluator("mass_matrix")(
+            {"q": q, "parameters": values}, symbols, None, None, threads
+        )
 
     def inverse_dynamics_derivatives(
         self,
@@ -252,7 +278,9 @@ class Evaluation(ABC):
         by_velocity : array of shape (N, outputs, independent velocities)
         """
         state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}
-        both = self._evaluator("inverse_dynamics_derivatives")(state, symbols, inputs, None, threads)
+        both = self._evaluator("inverse_dynamics_derivatives")(
+            state, symbols, inputs, None, threads
+        )
         positions = both.shape[2] - self.mechanism.degrees_of_freedom
         return both[:, :, :positions], both[:, :, positions:]
 
@@ -289,7 +317,9 @@ class Evaluation(ABC):
             If there are no loops, or none of the components is determined.
         """
         state = {"q": q, "qd": qd, "qdd": qdd, "standard_parameters": standard}
-        return self._evaluator("constraint_forces")(state, symbols, inputs, None, threads)
+        return self._evaluator("constraint_forces")(
+            state, symbols, inputs, None, threads
+        )
 
     # -- machine code --------------------------------------------------------------------------------------------
 
@@ -312,13 +342,18 @@ class Evaluation(ABC):
             from echelon.dynamics.evaluator import Evaluator
 
             self._evaluators[name] = Evaluator(
-                self.mechanism, self._recorded(name), sparse=name == "entries", loops=self._loops
+                self.mechanism,
+                self._recorded(name),
+                sparse=name == "entries",
+                loops=self._loops,
             )
         return self._evaluators[name]
 
     def _recorded(self, name: str) -> Function:
         if name == "standard_regressor":
-            return robot_function("regressor", self.mechanism, range(len(self.mechanism.parameters)))
+            return robot_function(
+                "regressor", self.mechanism, range(len(self.mechanism.parameters))
+            )
         return self.function("regressor" if name == "entries" else name)
 
     # -- logs ----------------------------------------------------------------------------------------------------
@@ -375,7 +410,9 @@ class Evaluation(ABC):
         -------
         NormalEquations
         """
-        return self._observer.normal_equations(self._values(log, symbols), block=block, threads=threads)
+        return self._observer.normal_equations(
+            self._values(log, symbols), block=block, threads=threads
+        )
 
     @cached_property
     def _observer(self) -> Observer:
@@ -383,11 +420,20 @@ class Evaluation(ABC):
 
         return Observer(self.function("regressor"))
 
-    def _values(self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None) -> Iterator[Values]:
+    def _values(
+        self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None
+    ) -> Iterator[Values]:
         """Arguments of the regressor and measured outputs, piece by piece."""
         from echelon.dynamics.evaluator import function_values
 
         regressor = self.function("regressor")
         for piece in [log] if isinstance(log, Mapping) else log:
             state = {name: value for name, value in piece.items() if name != "inputs"}
-            yield function_values(self.mechanism, regressor, state, symbols, piece.get("inputs"), self._loops)
+            yield function_values(
+                self.mechanism,
+                regressor,
+                state,
+                symbols,
+                piece.get("inputs"),
+                self._loops,
+            )

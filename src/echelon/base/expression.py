@@ -11,7 +11,15 @@ from echelon.conventions import PARAMETERS
 from echelon.doors import public
 from echelon.errors import one_line
 from echelon.exact.expressions import PER_PI, PI, decimal_text
-from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, is_negative, is_trigonometric, multiple_of
+from echelon.exact.polynomial import (
+    Monomial,
+    Number,
+    Polynomial,
+    Surd,
+    is_negative,
+    is_trigonometric,
+    multiple_of,
+)
 from echelon.exact.rational import RationalFunction
 
 _DECIMAL_DIGITS = 9
@@ -27,7 +35,9 @@ class Group:
     parameters: tuple[str, ...]
     # whether the coefficient is a number in place of a closed form, to be shown with a few digits
     decimal: bool = False
-    terms: int = 0  # of the coefficient, where only their number is to be shown; 0 where all are
+    terms: int = (
+        0  # of the coefficient, where only their number is to be shown; 0 where all are
+    )
 
 
 @public
@@ -63,7 +73,9 @@ class Expression:
 
     def readable(self, value: Callable[[RationalFunction], float | None]) -> Expression:
         """An expression for people: long coefficients are their value, or the count of their terms where it is None."""
-        return replace(self, groups=tuple(_readable(group, value) for group in self.groups))
+        return replace(
+            self, groups=tuple(_readable(group, value) for group in self.groups)
+        )
 
     def _repr_latex_(self) -> str:
         return f"${self.latex}$"
@@ -86,24 +98,39 @@ def _readable(group: Group, value: Callable[[RationalFunction], float | None]) -
 
 
 def collect(
-    name: str, unit: str, terms: Sequence[tuple[str, RationalFunction]], decimals: Collection[str] = ()
+    name: str,
+    unit: str,
+    terms: Sequence[tuple[str, RationalFunction]],
+    decimals: Collection[str] = (),
 ) -> Expression:
     """Group terms with equal coefficients, the representative first; those of ``decimals`` are numbers."""
     groups: dict[tuple[RationalFunction, bool], list[str]] = {}
     for parameter, coefficient in terms:
         if parameter != name:
-            groups.setdefault((coefficient, parameter in decimals and _is_decimal(coefficient)), []).append(parameter)
+            groups.setdefault(
+                (coefficient, parameter in decimals and _is_decimal(coefficient)), []
+            ).append(parameter)
     head = Group(RationalFunction(1), (name,))
-    return Expression(name, unit, (head, *(Group(c, tuple(names), d) for (c, d), names in groups.items())))
+    return Expression(
+        name,
+        unit,
+        (head, *(Group(c, tuple(names), d) for (c, d), names in groups.items())),
+    )
 
 
 def _is_decimal(coefficient: RationalFunction) -> bool:
     """Whether a number is best shown as a decimal: it is one, or a long fraction, or none."""
     number = coefficient.numerator.number
-    return not isinstance(number, Fraction) or "/" not in decimal_text(number) or len(str(number)) > _DECIMAL_DIGITS
+    return (
+        not isinstance(number, Fraction)
+        or "/" not in decimal_text(number)
+        or len(str(number)) > _DECIMAL_DIGITS
+    )
 
 
-def angle_text(generator: str, style: TextStyle, symbol: Callable[[str], str] = str) -> str:
+def angle_text(
+    generator: str, style: TextStyle, symbol: Callable[[str], str] = str
+) -> str:
     """The argument of a sine or cosine: an angle symbol, or a multiple of one."""
     count, name = multiple_of(generator)
     return symbol(name) if count == 1 else f"{count}{style.times}{symbol(name)}"
@@ -124,13 +151,21 @@ class TextStyle:
     def generator(self, name: str, exponent: int) -> str:
         """A power of a symbol, sine or cosine: ``d4²``, ``cos²(a)``, ``sin(40·a)``."""
         power = str(exponent).translate(_SUPERSCRIPTS) if exponent > 1 else ""
-        return f"{name[:3]}{power}({angle_text(name, self)})" if is_trigonometric(name) else f"{name}{power}"
+        return (
+            f"{name[:3]}{power}({angle_text(name, self)})"
+            if is_trigonometric(name)
+            else f"{name}{power}"
+        )
 
     def number(self, value: Number) -> str:
         """A non-negative number, or a surd: ``3/2``, ``√2/2``."""
         if not isinstance(value, Surd):
             return str(value)
-        return re.sub(r"sqrt\((\d)\)", r"√\1", repr(value)).replace("*", "").replace("-", self.minus)
+        return (
+            re.sub(r"sqrt\((\d)\)", r"√\1", repr(value))
+            .replace("*", "")
+            .replace("-", self.minus)
+        )
 
     def decimal(self, text: str) -> str:
         """A non-negative decimal number, perhaps with an exponent after ``e``, as it is."""
@@ -142,7 +177,11 @@ class TextStyle:
 
     def fraction(self, top: str, bottom: str) -> str:
         """A quotient with a slash, in parentheses because it is followed by a product."""
-        return f"({top}/({bottom}))" if self.times in bottom and not bottom.startswith("(") else f"({top}/{bottom})"
+        return (
+            f"({top}/({bottom}))"
+            if self.times in bottom and not bottom.startswith("(")
+            else f"({top}/{bottom})"
+        )
 
 
 class LatexStyle(TextStyle):
@@ -152,10 +191,14 @@ class LatexStyle(TextStyle):
 
     def parameter(self, name: str) -> str:
         """E.g. ``XX_{3}``; of an effect's parameter all before the digits at its end, such as ``Fv_{1}``."""
-        inertial = (k for k in sorted(PARAMETERS, key=len, reverse=True) if name.startswith(k))
+        inertial = (
+            k for k in sorted(PARAMETERS, key=len, reverse=True) if name.startswith(k)
+        )
         kind = next(inertial, re.sub(r"[0-9]+$", "", name) or name)
         rest = name[len(kind) :]
-        return f"\\mathit{{{_escape(kind)}}}" + (f"_{{{_escape(rest)}}}" if rest else "")
+        return f"\\mathit{{{_escape(kind)}}}" + (
+            f"_{{{_escape(rest)}}}" if rest else ""
+        )
 
     def generator(self, name: str, exponent: int) -> str:
         """A power, with the name's digits as index."""
@@ -221,7 +264,11 @@ _WORDS = {"\\": "\\backslash ", "^": "\\wedge ", "~": "\\sim "}
 
 def _escape(text: str) -> str:
     """Text that is safe in LaTeX math."""
-    return re.sub(r"[_#$%&{}\\^~]", lambda found: _WORDS.get(found[0], "\\" + found[0]), one_line(text))
+    return re.sub(
+        r"[_#$%&{}\\^~]",
+        lambda found: _WORDS.get(found[0], "\\" + found[0]),
+        one_line(text),
+    )
 
 
 def render(expression: Expression, style: TextStyle) -> str:
@@ -233,7 +280,9 @@ def _sum(terms: Sequence[tuple[int, str]], style: TextStyle) -> str:
     """A sum of terms, each by its sign and absolute value."""
     (sign, first), *others = terms
     text = (style.minus if sign < 0 else "") + first
-    return text + "".join(f" {style.minus if s < 0 else '+'} {term}" for s, term in others)
+    return text + "".join(
+        f" {style.minus if s < 0 else '+'} {term}" for s, term in others
+    )
 
 
 def _group(group: Group, style: TextStyle) -> tuple[int, str]:
@@ -259,7 +308,9 @@ def _decimal_text(group: Group, style: TextStyle) -> tuple[int, str]:
     return (-1 if value < 0 else 1), "" if size == "1" else style.decimal(size)
 
 
-def coefficient_text(coefficient: RationalFunction, style: TextStyle) -> tuple[int, str]:
+def coefficient_text(
+    coefficient: RationalFunction, style: TextStyle
+) -> tuple[int, str]:
     """Sign and absolute value of a coefficient; the text is empty for ±1."""
     top, bottom = coefficient.numerator, coefficient.denominator
     _, lead = next(top.sorted_terms(), ((), 1))

@@ -61,12 +61,21 @@ def firm_order(mechanism: Mechanism, matrix: BaseMatrix) -> tuple[int, ...] | No
     entering = set(rows) - set(matrix.pivots)
     if not entering:
         return None
-    leaving = {p for p in matrix.pivots if mechanism.columns[p].kind is not None and p not in rows}
+    leaving = {
+        p
+        for p in matrix.pivots
+        if mechanism.columns[p].kind is not None and p not in rows
+    }
     firm = (set(matrix.pivots) - leaving) | entering
-    return (*(c for c in matrix.order if c in firm), *(c for c in matrix.order if c not in firm))
+    return (
+        *(c for c in matrix.order if c in firm),
+        *(c for c in matrix.order if c not in firm),
+    )
 
 
-def exchange_note(mechanism: Mechanism, classical: BaseMatrix, matrix: BaseMatrix) -> str:
+def exchange_note(
+    mechanism: Mechanism, classical: BaseMatrix, matrix: BaseMatrix
+) -> str:
     """Which representatives were taken instead of the first independent ones, and why."""
     names = matrix.parameters
     taken, left = (
@@ -80,7 +89,9 @@ def exchange_note(mechanism: Mechanism, classical: BaseMatrix, matrix: BaseMatri
     )
 
 
-def doubt_of_coefficients(mechanism: Mechanism, matrix: BaseMatrix, forms: LinearForms) -> str:
+def doubt_of_coefficients(
+    mechanism: Mechanism, matrix: BaseMatrix, forms: LinearForms
+) -> str:
     """Why X̄ B is not X in doubles; empty where it is."""
     known = known_values(mechanism)
     if not set(matrix.symbols) <= known.keys():
@@ -92,7 +103,13 @@ def doubt_of_coefficients(mechanism: Mechanism, matrix: BaseMatrix, forms: Linea
         return f"coefficients of B reach {largest:.0e}, so that X̄ B loses as much of the precision of doubles"
     if forms.loops is not None:
         return ""
-    error = reconstruction_error(mechanism, forms, matrix.pivots, matrix.floats(known), random_generator(DEFAULT_SEED))
+    error = reconstruction_error(
+        mechanism,
+        forms,
+        matrix.pivots,
+        matrix.floats(known),
+        random_generator(DEFAULT_SEED),
+    )
     if error < _LARGEST_ERROR:
         return ""
     return f"in doubles X̄ B misses {error:.0e} of a column of X: its coefficients reach {largest:.0e}"
@@ -104,7 +121,12 @@ def _weights(mechanism: Mechanism) -> Floats:
     These have units and gear ratios of their own, which make coefficients large without harm.
     """
     length = characteristic_length(mechanism)
-    return np.array([np.nan if c.kind is None else length**c.length_degree for c in mechanism.columns])
+    return np.array(
+        [
+            np.nan if c.kind is None else length**c.length_degree
+            for c in mechanism.columns
+        ]
+    )
 
 
 def _scaled(matrix: BaseMatrix, mechanism: Mechanism) -> float:
@@ -114,7 +136,9 @@ def _scaled(matrix: BaseMatrix, mechanism: Mechanism) -> float:
         values = np.abs(matrix.floats(known_values(mechanism)))
     except InputError:
         return np.inf
-    return float(np.nanmax(values * weights / weights[list(matrix.pivots), None], initial=0.0))
+    return float(
+        np.nanmax(values * weights / weights[list(matrix.pivots), None], initial=0.0)
+    )
 
 
 def _balls(matrix: BaseMatrix, mechanism: Mechanism, at: dict[str, str]) -> Rows:
@@ -123,7 +147,11 @@ def _balls(matrix: BaseMatrix, mechanism: Mechanism, at: dict[str, str]) -> Rows
     known = {id(c): c.evaluate(values, ball) for c in matrix.coefficients}
     inertial = set(np.flatnonzero(np.isfinite(weights)).tolist())
     return {
-        pivot: {c: known[id(v)] * float(weights[c] / weights[pivot]) for c, v in row.items() if c in inertial}
+        pivot: {
+            c: known[id(v)] * float(weights[c] / weights[pivot])
+            for c, v in row.items()
+            if c in inertial
+        }
         for pivot, row in zip(matrix.pivots, matrix.rows, strict=True)
         if pivot in inertial
     }
@@ -131,7 +159,11 @@ def _balls(matrix: BaseMatrix, mechanism: Mechanism, at: dict[str, str]) -> Rows
 
 def _largest(rows: Rows) -> tuple[int, int] | None:
     """Representative and column of the largest coefficient that is not moderate."""
-    sizes = ((float(abs(v).mid()), pivot, column) for pivot, row in rows.items() for column, v in row.items())
+    sizes = (
+        (float(abs(v).mid()), pivot, column)
+        for pivot, row in rows.items()
+        for column, v in row.items()
+    )
     size, pivot, column = max(sizes)
     return (pivot, column) if size > _MODERATE and np.isfinite(size) else None
 

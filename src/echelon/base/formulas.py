@@ -20,7 +20,15 @@ from typing import Any
 from echelon.base.symbolic import IMPORTED, SymbolicRegressor
 from echelon.choices import Form
 from echelon.errors import ClosedFormError
-from echelon.exact.polynomial import Monomial, Number, Polynomial, cosine, is_trigonometric, sine, symbol_of
+from echelon.exact.polynomial import (
+    Monomial,
+    Number,
+    Polynomial,
+    cosine,
+    is_trigonometric,
+    sine,
+    symbol_of,
+)
 from echelon.extras import extra
 from echelon.mechanism.joint import GROUND, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
@@ -52,8 +60,16 @@ def absolute_angles(mechanism: Mechanism) -> dict[str, Combination]:
                 between = step if between is None else between @ step
             elif step.kind in (MotionKind.ROTATION, MotionKind.SCREW):
                 parallel = _sign_along(between, axis, step.axis) if angles else 0
-                before = tuple((name, sign * parallel) for name, sign in angles) if parallel else ()
-                angles, axis, between = (*before, (f"q[{step.name}]", step.sign)), step.axis, None
+                before = (
+                    tuple((name, sign * parallel) for name, sign in angles)
+                    if parallel
+                    else ()
+                )
+                angles, axis, between = (
+                    (*before, (f"q[{step.name}]", step.sign)),
+                    step.axis,
+                    None,
+                )
                 if len(angles) > 1 and step.name not in mechanism.dependent:
                     found[f"q[{step.name}]"] = angles
             elif step.kind is MotionKind.BALL:
@@ -69,7 +85,14 @@ def _sign_along(between: Placement | None, first: int, second: int) -> int:
     if between is None:
         return int(first == second)
     column = [between.rotation[row][second].number for row in range(3)]
-    return next((s for s in (1, -1) if all(v == s * (row == first) for row, v in enumerate(column))), 0)
+    return next(
+        (
+            s
+            for s in (1, -1)
+            if all(v == s * (row == first) for row, v in enumerate(column))
+        ),
+        0,
+    )
 
 
 Series = dict[tuple[bool, Combination], Number]
@@ -85,7 +108,9 @@ class ShortForms:
 
     program: Program
     symbols: Mapping[str, Any]  # for the inputs of the program
-    absolute: Mapping[str, Combination]  # see :func:`echelon.base.formulas.absolute_angles`
+    absolute: Mapping[
+        str, Combination
+    ]  # see :func:`echelon.base.formulas.absolute_angles`
     most_terms: int  # of an intermediate value, multiplied out
     _atoms: dict[str, Any] = field(default_factory=dict)
     _sums: dict[str, Combination] = field(default_factory=dict)
@@ -96,18 +121,28 @@ class ShortForms:
         for node in self.program.needed(nodes):
             self._known[node] = value = self._polynomial(node)
             if len(value.terms) > self.most_terms:
-                raise ClosedFormError(f"the regressor has values of more than {self.most_terms} terms")
+                raise ClosedFormError(
+                    f"the regressor has values of more than {self.most_terms} terms"
+                )
         return [self._written(self._known[node]) for node in nodes]
 
     @cached_property
     def _states(self) -> set[str]:
-        return {given.name for given in self.program.inputs.values() if given.role == "state"}
+        return {
+            given.name
+            for given in self.program.inputs.values()
+            if given.role == "state"
+        }
 
     # -- multiplied out ------------------------------------------------------------------------------------------
 
     def _polynomial(self, node: int) -> Polynomial:
         program = self.program
-        op, a, b = Op(program.ops[node]), self._known.get(program.lhs[node]), self._known.get(program.rhs[node])
+        op, a, b = (
+            Op(program.ops[node]),
+            self._known.get(program.lhs[node]),
+            self._known.get(program.rhs[node]),
+        )
         if op is Op.INPUT:
             return Polynomial.generator(program.inputs[node].name)
         if op is Op.CONSTANT:
@@ -121,7 +156,9 @@ class ShortForms:
         if op is Op.DIV:
             return a * self._atom(f"#{program.rhs[node]}", lambda: 1 / self._written(b))
         if op is Op.MUL and len(a.terms) * len(b.terms) > 8 * self.most_terms:
-            raise ClosedFormError(f"the regressor has values of more than {self.most_terms} terms")
+            raise ClosedFormError(
+                f"the regressor has values of more than {self.most_terms} terms"
+            )
         return a * b if op is Op.MUL else a + b if op is Op.ADD else a - b
 
     def _function(self, op: Op, node: int, argument: Polynomial) -> Polynomial:
@@ -133,7 +170,9 @@ class ShortForms:
                 self._atom(label, lambda: self._written(argument))
             return Polynomial.generator(cosine(label) if op is Op.COS else sine(label))
         name = "Abs" if op is Op.ABS else op.name.lower()
-        return self._atom(f"#{node}", lambda: getattr(sympy, name)(self._written(argument)))
+        return self._atom(
+            f"#{node}", lambda: getattr(sympy, name)(self._written(argument))
+        )
 
     def _atom(self, label: str, formula: Any) -> Polynomial:
         if label not in self._atoms:
@@ -151,11 +190,19 @@ class ShortForms:
             by_plain.setdefault(plain, {})[circular] = coefficient
         by_circular: dict[Monomial, list[Any]] = {}
         for plain, terms in by_plain.items():
-            for circular, coefficient in self._shortest(Polynomial(terms)).terms.items():
-                by_circular.setdefault(circular, []).append(sympy_number(coefficient) * self._product(plain))
+            for circular, coefficient in self._shortest(
+                Polynomial(terms)
+            ).terms.items():
+                by_circular.setdefault(circular, []).append(
+                    sympy_number(coefficient) * self._product(plain)
+                )
         factors = [sympy.Add(*terms) for terms in by_circular.values()]
-        factors = [sympy.factor(f) if f.is_Add and f.is_polynomial() else f for f in factors]
-        return sympy.Add(*(f * self._product(c) for f, c in zip(factors, by_circular, strict=True)))
+        factors = [
+            sympy.factor(f) if f.is_Add and f.is_polynomial() else f for f in factors
+        ]
+        return sympy.Add(
+            *(f * self._product(c) for f, c in zip(factors, by_circular, strict=True))
+        )
 
     def _varies(self, generator: str) -> bool:
         return is_trigonometric(generator) and symbol_of(generator) in self._states
@@ -165,10 +212,16 @@ class ShortForms:
 
     def _generator(self, generator: str) -> Any:
         if not is_trigonometric(generator):
-            return self._atoms[generator] if generator in self._atoms else self.symbols[generator]
+            return (
+                self._atoms[generator]
+                if generator in self._atoms
+                else self.symbols[generator]
+            )
         label = symbol_of(generator)
         if label in self._sums:
-            angle = sympy.Add(*(factor * self.symbols[name] for name, factor in self._sums[label]))
+            angle = sympy.Add(
+                *(factor * self.symbols[name] for name, factor in self._sums[label])
+            )
         else:
             angle = self._atoms[label] if label in self._atoms else self.symbols[label]
         return sympy.cos(angle) if generator.startswith("cos(") else sympy.sin(angle)
@@ -186,7 +239,9 @@ class ShortForms:
             turned = self._in_absolute_angles(circular)
             yield turned
             yield _without_squares_of_cosines(turned)
-        degree = max((sum(e for _, e in monomial) for monomial in circular.terms), default=0)
+        degree = max(
+            (sum(e for _, e in monomial) for monomial in circular.terms), default=0
+        )
         if len(circular.terms) <= _LONGEST_SERIES and degree <= _HIGHEST:
             yield self._series(circular)
 
@@ -198,15 +253,24 @@ class ShortForms:
             values[generator] = Polynomial.generator(generator)
             if label in self.absolute:
                 *before, (_, sign) = self.absolute[label]
-                (c1, s1), (c2, s2) = self._circle(tuple(before)), self._circle(self.absolute[label])
+                (c1, s1), (c2, s2) = (
+                    self._circle(tuple(before)),
+                    self._circle(self.absolute[label]),
+                )
                 # sign · angle = after − before
-                values[generator] = c2 * c1 + s2 * s1 if generator.startswith("cos(") else (s2 * c1 - c2 * s1) * sign
+                values[generator] = (
+                    c2 * c1 + s2 * s1
+                    if generator.startswith("cos(")
+                    else (s2 * c1 - c2 * s1) * sign
+                )
         return circular.evaluate(values, Polynomial.constant)
 
     def _circle(self, angles: Combination) -> tuple[Polynomial, Polynomial]:
         """Cosine and sine of a sum of angles."""
         label, sign = self._label(angles)
-        return Polynomial.generator(cosine(label)), Polynomial.generator(sine(label)) * sign
+        return Polynomial.generator(cosine(label)), Polynomial.generator(
+            sine(label)
+        ) * sign
 
     def _label(self, angles: Combination) -> tuple[str, int]:
         """A name for a sum of angles or its negative, and which of both."""
@@ -228,13 +292,21 @@ class ShortForms:
             for key, factor in reduce(_times, factors, unit).items():
                 total[key] = total.get(key, 0) + factor * coefficient
         one, zero = Polynomial.constant(1), Polynomial({})
-        points = {angles: self._circle(angles) if angles else (one, zero) for _, angles in total}
-        return Polynomial.sum(points[angles][int(odd)] * number for (odd, angles), number in total.items())
+        points = {
+            angles: self._circle(angles) if angles else (one, zero)
+            for _, angles in total
+        }
+        return Polynomial.sum(
+            points[angles][int(odd)] * number for (odd, angles), number in total.items()
+        )
 
 
 def _length(circular: Polynomial) -> int:
     """Terms and their factors; 1 and −1 are not written."""
-    return sum(2 + len(monomial) + (number not in (1, -1)) for monomial, number in circular.terms.items())
+    return sum(
+        2 + len(monomial) + (number not in (1, -1))
+        for monomial, number in circular.terms.items()
+    )
 
 
 def _without_squares_of_cosines(circular: Polynomial) -> Polynomial:
@@ -293,7 +365,9 @@ def symbolic_regressor(
     if form != "named":
         most = SHORT_TERMS if form == "auto" else MOST_TERMS
         try:
-            formulas = ShortForms(program, symbols, absolute or {}, most).formulas(nodes)
+            formulas = ShortForms(program, symbols, absolute or {}, most).formulas(
+                nodes
+            )
         except ClosedFormError:
             if form == "short":
                 raise
@@ -327,11 +401,17 @@ def _symbols_of(forms: LinearForms) -> tuple[dict[str, Any], dict[str, str]]:
     return symbols, dict(sorted(meanings.items()))
 
 
-def _named(forms: LinearForms, symbols: Mapping[str, Any]) -> tuple[list[Any], tuple[tuple[Any, Any], ...]]:
+def _named(
+    forms: LinearForms, symbols: Mapping[str, Any]
+) -> tuple[list[Any], tuple[tuple[Any, Any], ...]]:
     """Entries, and what they use more than once."""
     program, nodes = forms.program, list(forms.entries.values())
     taken = {str(s) for s in symbols.values()}
-    prefix = next(p for p in ("x", "t", "x_", "t_", "x__") if not any(name.startswith(p) for name in taken))
+    prefix = next(
+        p
+        for p in ("x", "t", "x_", "t_", "x__")
+        if not any(name.startswith(p) for name in taken)
+    )
     known = {node: symbols[given.name] for node, given in program.inputs.items()}
     shared: list[tuple[Any, Any]] = []
     for number, node in enumerate(shared_nodes(program, nodes), start=1):

@@ -22,17 +22,26 @@ def metric_matrix(metric: Metric, degrees: Sequence[int], length: float) -> Floa
     """The metric S as a matrix."""
     if isinstance(metric, str):
         if metric not in ("identity", "physical"):
-            raise InputError(f"unknown metric '{metric}' (valid: identity, physical, or an array)")
+            raise InputError(
+                f"unknown metric '{metric}' (valid: identity, physical, or an array)"
+            )
         if not 0 < length < np.inf:
-            raise InputError(f"the characteristic length must be positive and finite, not {length}")
+            raise InputError(
+                f"the characteristic length must be positive and finite, not {length}"
+            )
         scale = [length**power if metric == "physical" else 1.0 for power in degrees]
         return np.diag(np.square(scale))
     parameters = len(degrees)
     matrix = np.asarray(metric, dtype=float)
     matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
     if matrix.shape != (parameters, parameters):
-        raise InputError(f"the metric has shape {matrix.shape}; expected ({parameters}, {parameters}) or its diagonal")
-    if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix).min(initial=1.0) <= 0:
+        raise InputError(
+            f"the metric has shape {matrix.shape}; expected ({parameters}, {parameters}) or its diagonal"
+        )
+    if (
+        not np.allclose(matrix, matrix.T)
+        or np.linalg.eigvalsh(matrix).min(initial=1.0) <= 0
+    ):
         raise InputError("the metric must be symmetric and positive definite")
     return matrix
 

@@ -85,7 +85,9 @@ class LinearBase(BaseSet):
         silent = [n for n in used if self.model.constants[n] is None]
         if silent:
             raise InputError(f"constant '{silent[0]}' has no value")
-        return self.matrix.sympy({n: sympy.Rational(str(self.model.constants[n])) for n in used})
+        return self.matrix.sympy(
+            {n: sympy.Rational(str(self.model.constants[n])) for n in used}
+        )
 
     def B_float(self, constants: Mapping[str, float] | None = None) -> Floats:
         """B in double precision.
@@ -101,7 +103,10 @@ class LinearBase(BaseSet):
         """
         known = {**self.model.values, **(constants or {})}
         other = (
-            next((n for n in self.matrix.numbers.at if known[n] != self.model.values[n]), None)
+            next(
+                (n for n in self.matrix.numbers.at if known[n] != self.model.values[n]),
+                None,
+            )
             if self.matrix.numbers
             else None
         )
@@ -111,10 +116,14 @@ class LinearBase(BaseSet):
             )
         silent = [n for n in self._constants_used() if n not in known]
         if silent:
-            raise InputError(f"constant '{silent[0]}' has no value: give it in constants=")
+            raise InputError(
+                f"constant '{silent[0]}' has no value: give it in constants="
+            )
         return self.matrix.floats(known)
 
-    def values(self, parameters: npt.ArrayLike, constants: Mapping[str, float] | None = None) -> Floats:
+    def values(
+        self, parameters: npt.ArrayLike, constants: Mapping[str, float] | None = None
+    ) -> Floats:
         """Base parameters ζ̄ = B ζ.
 
         Parameters
@@ -129,11 +138,17 @@ class LinearBase(BaseSet):
         """
         zeta = np.asarray(parameters, dtype=float)
         if zeta.shape != (len(self.parameters),):
-            raise InputError(f"expected {len(self.parameters)} parameters, got an array of shape {zeta.shape}")
+            raise InputError(
+                f"expected {len(self.parameters)} parameters, got an array of shape {zeta.shape}"
+            )
         result: Floats = self.B_float(constants) @ zeta
         return result
 
-    def regressor(self, variables: Mapping[str, npt.ArrayLike], constants: Mapping[str, float] | None = None) -> Floats:
+    def regressor(
+        self,
+        variables: Mapping[str, npt.ArrayLike],
+        constants: Mapping[str, float] | None = None,
+    ) -> Floats:
         """The reduced regressor X̄, the pivot columns of X, at given samples.
 
         Parameters
@@ -145,10 +160,17 @@ class LinearBase(BaseSet):
         -------
         array of shape (N, outputs, base parameters)
         """
-        return evaluate_model(self.model, self.model.regressor.columns(self.matrix.pivots), variables, constants)
+        return evaluate_model(
+            self.model,
+            self.model.regressor.columns(self.matrix.pivots),
+            variables,
+            constants,
+        )
 
     def full_regressor(
-        self, variables: Mapping[str, npt.ArrayLike], constants: Mapping[str, float] | None = None
+        self,
+        variables: Mapping[str, npt.ArrayLike],
+        constants: Mapping[str, float] | None = None,
     ) -> Floats:
         """The regressor X at given samples.
 
@@ -178,7 +200,9 @@ class LinearBase(BaseSet):
         from echelon.base.formulas import symbolic_regressor
 
         forms = self.model.regressor.columns(self.matrix.pivots)
-        return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)
+        return symbolic_regressor(
+            self.model.name, forms, self.model.outputs, self.pivots, form
+        )
 
     @property
     def _known(self) -> Mapping[str, float]:
@@ -202,12 +226,19 @@ class LinearBase(BaseSet):
 
 
 def linear_base_parameters(
-    model: LinearModel, prefer: Sequence[str], seed: int, budget: float = 1.0, *, generic: bool = False
+    model: LinearModel,
+    prefer: Sequence[str],
+    seed: int,
+    budget: float = 1.0,
+    *,
+    generic: bool = False,
 ) -> LinearBase:
     """Base parameters of a linear model."""
     strangers = [p for p in prefer if p not in model.parameters]
     if strangers:
-        raise InputError(f"'{strangers[0]}' is not a parameter (parameters: {', '.join(model.parameters)})")
+        raise InputError(
+            f"'{strangers[0]}' is not a parameter (parameters: {', '.join(model.parameters)})"
+        )
     wanted = [model.parameters.index(p) for p in dict.fromkeys(prefer)]
     order = (*wanted, *(c for c in range(len(model.parameters)) if c not in wanted))
     rng = random_generator(seed)
@@ -220,7 +251,12 @@ def linear_base_parameters(
 
 
 def _matrix(
-    model: LinearModel, order: tuple[int, ...], rng: np.random.Generator, work: Work, *, generic: bool
+    model: LinearModel,
+    order: tuple[int, ...],
+    rng: np.random.Generator,
+    work: Work,
+    *,
+    generic: bool,
 ) -> BaseMatrix:
     """B for an order of the columns, all at once: unlike a robot, a linear model has no chain to follow.
 
@@ -229,11 +265,18 @@ def _matrix(
     forms = model.regressor.columns(order)
     structure = linear_structure(forms, rng)
     zero = [column for column, support in structure.by_robot.items() if not support]
-    closed = closed_columns(linear_relations(forms, structure), zero, rng, work, lambda _: None, share=1.0)
-    found = {order[t]: {order[p]: c for p, c in combination.items()} for t, combination in closed.items()}
+    closed = closed_columns(
+        linear_relations(forms, structure), zero, rng, work, lambda _: None, share=1.0
+    )
+    found = {
+        order[t]: {order[p]: c for p, c in combination.items()}
+        for t, combination in closed.items()
+    }
     open_columns = [column for column in structure.by_robot if column not in closed]
     if not open_columns:
-        return assembled(model.parameters, tuple(order[p] for p in structure.pivots), found, order)
+        return assembled(
+            model.parameters, tuple(order[p] for p in structure.pivots), found, order
+        )
     silent = sorted(name for name, value in model.constants.items() if value is None)
     if forms.rational or silent or generic:
         missing = sum(len(structure.by_robot[column]) for column in open_columns)
@@ -245,11 +288,19 @@ def _matrix(
     independent = RealStates(Rows(model.regressor, 0)).independent()
     at = stated_texts(model)
     return in_numbers(
-        model.parameters, independent, order, at, irrational_roots(model.regressor), named=bool(at), known=found
+        model.parameters,
+        independent,
+        order,
+        at,
+        irrational_roots(model.regressor),
+        named=bool(at),
+        known=found,
     )
 
 
-def linear_special(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator) -> SpecialValues | None:
+def linear_special(
+    model: LinearModel, order: tuple[int, ...], rng: np.random.Generator
+) -> SpecialValues | None:
     """The change of the rank by the stated constants, against general ones; None where they change nothing.
 
     Parameters
@@ -270,7 +321,9 @@ def _own_model(
 
     def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
         forms = model.with_constants(put_in).regressor if put_in else model.regressor
-        return tuple(order[p] for p in linear_structure(forms.columns(order), rng).pivots)
+        return tuple(
+            order[p] for p in linear_structure(forms.columns(order), rng).pivots
+        )
 
     general = pivots_of({})
     stated = pivots_of(values.put_in(values.names)) if values.names else general
@@ -286,17 +339,30 @@ def model_at_stated_values(model: LinearModel) -> AtStatedValues:
     values = _stated_values(model)
 
     def record() -> LinearForms:
-        return model.with_constants(values.put_in(values.names)).regressor if values.names else model.regressor
+        return (
+            model.with_constants(values.put_in(values.names)).regressor
+            if values.names
+            else model.regressor
+        )
 
     texts = stated_texts(model)
-    return AtStatedValues(record, texts, bool(texts), len(texts) == len(model.constants))
+    return AtStatedValues(
+        record, texts, bool(texts), len(texts) == len(model.constants)
+    )
 
 
 def stated_texts(model: LinearModel) -> dict[str, str]:
     """Exact values of the constants that have one, as text."""
-    return {name: str(value) for name, value in sorted(_stated_values(model).numbers.items())}
+    return {
+        name: str(value)
+        for name, value in sorted(_stated_values(model).numbers.items())
+    }
 
 
 def _stated_values(model: LinearModel) -> StatedValues:
     """Exact values of the constants that have one."""
-    return StatedValues({name: value for name, value in model.constants.items() if value is not None}, {}, {})
+    return StatedValues(
+        {name: value for name, value in model.constants.items() if value is not None},
+        {},
+        {},
+    )

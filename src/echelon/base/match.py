@@ -28,7 +28,9 @@ from echelon.mechanism.stated import symbol_values
 
 _ATTEMPTS = 256
 _PARALLEL = 1e-6
-Wanted = dict[int, tuple[Floats, "_Axis"]]  # by body of the second: the first's frame and axis, in the second's base
+Wanted = dict[
+    int, tuple[Floats, "_Axis"]
+]  # by body of the second: the first's frame and axis, in the second's base
 
 
 @public
@@ -60,11 +62,24 @@ class Match:
     base_map: Floats
 
     def __str__(self) -> str:
-        one, two, names = self.first.mechanism.name, self.second.mechanism.name, self.first.pivots
+        one, two, names = (
+            self.first.mechanism.name,
+            self.second.mechanism.name,
+            self.first.pivots,
+        )
         lines = [f"{one} and {two}: the same {self.first.rank} base parameters"]
-        for k, (name, row) in enumerate(zip(self.second.pivots, self.base_map, strict=True), 1):
-            terms = [f"{x:+.9g}·[{names[i]}]" for i, x in enumerate(row) if abs(x) > 1e-12]
-            plain = " ".join(terms).replace("+", "+ ").replace("-", "− ").replace(" 1·[", " [")
+        for k, (name, row) in enumerate(
+            zip(self.second.pivots, self.base_map, strict=True), 1
+        ):
+            terms = [
+                f"{x:+.9g}·[{names[i]}]" for i, x in enumerate(row) if abs(x) > 1e-12
+            ]
+            plain = (
+                " ".join(terms)
+                .replace("+", "+ ")
+                .replace("-", "− ")
+                .replace(" 1·[", " [")
+            )
             lines.append(f"{k:>3}  [{name}]' = {plain.removeprefix('+ ')}")
         return "\n".join(lines)
 
@@ -74,7 +89,10 @@ class Match:
 
 @public
 def match(
-    first: BaseModel | Mechanism | Readable, second: BaseModel | Mechanism | Readable, *, tolerance: float = 1e-6
+    first: BaseModel | Mechanism | Readable,
+    second: BaseModel | Mechanism | Readable,
+    *,
+    tolerance: float = 1e-6,
 ) -> Match:
     """Match two descriptions of the same robot, such as a DH table and a URDF.
 
@@ -111,27 +129,54 @@ def match(
     to, start = two.mechanism.first_column, one.mechanism.first_column
     for i, j in pairs:
         if (i in start) != (j in to):
-            raise InputError("it has parameters in one description only", element=f"body '{theirs.bodies[j].name}'")
+            raise InputError(
+                "it has parameters in one description only",
+                element=f"body '{theirs.bodies[j].name}'",
+            )
         if i in start:
             change = np.linalg.solve(theirs.frames[j], wanted[j][0])
-            standard[to[j] : to[j] + PER_BODY, start[i] : start[i] + PER_BODY] = frame_change(change)
-    found = sorted((two.mechanism.positions.index(theirs.coordinate(j)), i, j) for i, j in pairs)
-    order = tuple(one.mechanism.positions.index(ours.coordinate(i)) for _, i, _ in found)
-    sign = [np.sign(wanted[j][1].direction @ theirs.axes[j].direction) for _, _, j in found]
+            standard[to[j] : to[j] + PER_BODY, start[i] : start[i] + PER_BODY] = (
+                frame_change(change)
+            )
+    found = sorted(
+        (two.mechanism.positions.index(theirs.coordinate(j)), i, j) for i, j in pairs
+    )
+    order = tuple(
+        one.mechanism.positions.index(ours.coordinate(i)) for _, i, _ in found
+    )
+    sign = [
+        np.sign(wanted[j][1].direction @ theirs.axes[j].direction) for _, _, j in found
+    ]
     offset = [offsets.get(j, 0.0) for _, _, j in found]
-    return Match(one, two, order, np.array(sign), np.array(offset), standard, _base_map(one, two, standard, tolerance))
+    return Match(
+        one,
+        two,
+        order,
+        np.array(sign),
+        np.array(offset),
+        standard,
+        _base_map(one, two, standard, tolerance),
+    )
 
 
-def _base_map(one: BaseModel, two: BaseModel, standard: Floats, tolerance: float) -> Floats:
+def _base_map(
+    one: BaseModel, two: BaseModel, standard: Floats, tolerance: float
+) -> Floats:
     """M of B' T = M B: the pivot columns of the left side, since those of B are unit vectors."""
     if one.rank != two.rank:
-        raise InputError(f"the first description has {one.rank} base parameters, the second {two.rank}")
+        raise InputError(
+            f"the first description has {one.rank} base parameters, the second {two.rank}"
+        )
     moved = two.B_float() @ standard
     found: Floats = moved[:, [one.parameters.index(name) for name in one.pivots]]
     rest = np.abs(moved - found @ one.B_float()).max(axis=1, initial=0.0)
     worst = int(np.argmax(rest)) if len(rest) else 0
-    if len(rest) and rest[worst] > 10 * tolerance * max(1.0, float(np.abs(moved).max())):
-        raise InputError(f"the base parameter {two.pivots[worst]} of the second description is none of the first")
+    if len(rest) and rest[worst] > 10 * tolerance * max(
+        1.0, float(np.abs(moved).max())
+    ):
+        raise InputError(
+            f"the base parameter {two.pivots[worst]} of the second description is none of the first"
+        )
     return found
 
 
@@ -145,22 +190,48 @@ class _Axis:
 
     def moved(self, frame: Floats) -> _Axis:
         """The axis carried along with a frame."""
-        return _Axis(self.turns, frame[:3, :3] @ self.point + frame[:3, 3], frame[:3, :3] @ self.direction)
+        return _Axis(
+            self.turns,
+            frame[:3, :3] @ self.point + frame[:3, 3],
+            frame[:3, :3] @ self.direction,
+        )
 
     def amounts(self, child: _Axis, wanted: _Axis) -> list[float]:
         """Displacements of this joint that bring another axis into place: one or two, or none."""
-        normal, apart = np.cross(child.direction, self.direction), wanted.point - child.point
+        normal, apart = (
+            np.cross(child.direction, self.direction),
+            wanted.point - child.point,
+        )
         if not self.turns:
             free = not child.turns or normal @ normal < _PARALLEL**2
-            return [] if free else [float(normal @ np.cross(child.direction, apart) / (normal @ normal))]
+            return (
+                []
+                if free
+                else [
+                    float(normal @ np.cross(child.direction, apart) / (normal @ normal))
+                ]
+            )
         if np.linalg.norm(normal) > _PARALLEL:
-            slopes = [self.direction @ child.direction - sign * (self.direction @ wanted.direction) for sign in (1, -1)]
-            signs = [s for s, slope in zip((1, -1), slopes, strict=True) if abs(slope) <= min(map(abs, slopes)) + 1e-3]
-            return [_angle(self.direction, child.direction, sign * wanted.direction) for sign in signs]
+            slopes = [
+                self.direction @ child.direction
+                - sign * (self.direction @ wanted.direction)
+                for sign in (1, -1)
+            ]
+            signs = [
+                s
+                for s, slope in zip((1, -1), slopes, strict=True)
+                if abs(slope) <= min(map(abs, slopes)) + 1e-3
+            ]
+            return [
+                _angle(self.direction, child.direction, sign * wanted.direction)
+                for sign in signs
+            ]
         radius = np.cross(self.direction, child.point - self.point)
         if not child.turns or np.linalg.norm(radius) < _PARALLEL:
             return []
-        return [_angle(self.direction, child.point - self.point, wanted.point - self.point)]
+        return [
+            _angle(self.direction, child.point - self.point, wanted.point - self.point)
+        ]
 
 
 class _Posed:
@@ -177,7 +248,9 @@ class _Posed:
         q = np.zeros((1, len(self.mechanism.positions)))
         for body, value in coordinates.items():
             q[0, self.mechanism.positions.index(self.coordinate(body))] = value
-        self.frames = [np.vstack([frame, [0, 0, 0, 1]]) for frame in self._kinematics.frames(q)[0]]
+        self.frames = [
+            np.vstack([frame, [0, 0, 0, 1]]) for frame in self._kinematics.frames(q)[0]
+        ]
         slopes = self._kinematics.slopes(q)[0]
         self.axes = [self._axis(k, slopes[k]) for k in range(len(slopes))]
 
@@ -191,11 +264,17 @@ class _Posed:
             return _Axis(False, np.zeros(3), slope[:, 3])
         spin = slope[:, :3] @ self.frames[body][:3, :3].T
         direction = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
-        return _Axis(True, self.frames[body][:3, 3] + np.cross(direction, slope[:, 3]), direction)
+        return _Axis(
+            True, self.frames[body][:3, 3] + np.cross(direction, slope[:, 3]), direction
+        )
 
 
 def _pose(
-    theirs: _Posed, ours: _Posed, wanted: Wanted, pairs: list[tuple[int, int]], tolerance: float
+    theirs: _Posed,
+    ours: _Posed,
+    wanted: Wanted,
+    pairs: list[tuple[int, int]],
+    tolerance: float,
 ) -> dict[int, float]:
     """Put the second into the pose in which its axes are those of the first; returns its coordinates by body.
 
@@ -214,7 +293,9 @@ def _pose(
                     if ways:
                         choices += [0] * (free == len(choices))
                         offsets[parent] = ways[choices[free] % len(ways)]
-                        waiting += [[*choices[:free], 1]] * (len(ways) > 1 and choices[free] == 0)
+                        waiting += [[*choices[:free], 1]] * (
+                            len(ways) > 1 and choices[free] == 0
+                        )
                         theirs.place(offsets)
                         free += 1
                 where = f"joints '{ours.bodies[i].joint.name}' and '{theirs.bodies[j].joint.name}'"
@@ -232,10 +313,19 @@ def _compare(wanted: _Axis, actual: _Axis, where: str, tolerance: float) -> None
     normal = np.cross(wanted.direction, actual.direction)
     angle = float(np.arcsin(min(1.0, float(np.linalg.norm(normal)))))
     if angle > tolerance:
-        raise InputError(f"the geometry differs: their axes are {np.degrees(angle):.4g}° apart", element=where)
-    gap = np.linalg.norm(np.cross(wanted.direction, actual.point - wanted.point)) if wanted.turns else 0.0
+        raise InputError(
+            f"the geometry differs: their axes are {np.degrees(angle):.4g}° apart",
+            element=where,
+        )
+    gap = (
+        np.linalg.norm(np.cross(wanted.direction, actual.point - wanted.point))
+        if wanted.turns
+        else 0.0
+    )
     if gap > tolerance:
-        raise InputError(f"the geometry differs: their axes are {gap:.4g} m apart", element=where)
+        raise InputError(
+            f"the geometry differs: their axes are {gap:.4g} m apart", element=where
+        )
 
 
 def _base(ours: _Posed, theirs: _Posed, i: int, j: int, tolerance: float) -> Floats:
@@ -246,7 +336,12 @@ def _base(ours: _Posed, theirs: _Posed, i: int, j: int, tolerance: float) -> Flo
     if (down is None) != (their_down is None):
         raise InputError("one description has gravity, the other has none")
     if down is not None and their_down is not None:
-        rotation = _rotation(other.direction, _angle(other.direction, rotation @ down, their_down)) @ rotation
+        rotation = (
+            _rotation(
+                other.direction, _angle(other.direction, rotation @ down, their_down)
+            )
+            @ rotation
+        )
         apart = float(np.linalg.norm(rotation @ down - their_down))
         if apart > tolerance:
             problem = f"the geometry differs: gravity has another direction against the first axis, by {apart:.4g}"
@@ -264,10 +359,14 @@ def _paired(first: Mechanism, second: Mechanism) -> Iterator[tuple[int, int]]:
     while waiting:
         i, j = waiting.pop(0)
         ours, theirs = (
-            [k for k, body in enumerate(m.bodies) if body.parent == at] for m, at in ((first, i), (second, j))
+            [k for k, body in enumerate(m.bodies) if body.parent == at]
+            for m, at in ((first, i), (second, j))
         )
         if len(ours) != len(theirs):
-            name, other = (m.bodies[k].name if k != GROUND else "base" for m, k in ((first, i), (second, j)))
+            name, other = (
+                m.bodies[k].name if k != GROUND else "base"
+                for m, k in ((first, i), (second, j))
+            )
             raise InputError(
                 f"'{name}' carries {len(ours)} moving bodies, its counterpart '{other}' {len(theirs)}: "
                 "the descriptions do not have the same joints"
@@ -281,7 +380,9 @@ def _paired(first: Mechanism, second: Mechanism) -> Iterator[tuple[int, int]]:
 
 def _check(mechanism: Mechanism) -> None:
     if mechanism.couplings or mechanism.dependent_velocities or mechanism.effects:
-        raise InputError("couplings, loops and effects cannot be matched", element=mechanism.name)
+        raise InputError(
+            "couplings, loops and effects cannot be matched", element=mechanism.name
+        )
     for body in mechanism.bodies:
         kinds = [motion.kind for motion in body.joint.motions]
         if kinds not in ([MotionKind.ROTATION], [MotionKind.TRANSLATION]):
@@ -290,8 +391,13 @@ def _check(mechanism: Mechanism) -> None:
                 element=f"{mechanism.name}: joint '{body.joint.name}'",
             )
         if len(body.carried) not in (0, PER_BODY):
-            raise InputError("it carries some inertial parameters only", element=f"body '{body.name}'")
-    shared = next((k for k in mechanism.carriers if len(mechanism.sharing[k]) > 1), None)
+            raise InputError(
+                "it carries some inertial parameters only",
+                element=f"body '{body.name}'",
+            )
+    shared = next(
+        (k for k in mechanism.carriers if len(mechanism.sharing[k]) > 1), None
+    )
     if shared is not None:
         problem = "share their parameters, which cannot be matched: give each a label of its own"
         raise InputError(problem, element=f"bodies {mechanism.carrier_name(shared)}")
@@ -301,7 +407,9 @@ def _down(mechanism: Mechanism) -> Floats | None:
     """Direction of gravity."""
     if mechanism.gravity is None:
         return None
-    values = symbol_values(mechanism, sorted({s for part in mechanism.gravity for s in part.symbols()}))
+    values = symbol_values(
+        mechanism, sorted({s for part in mechanism.gravity for s in part.symbols()})
+    )
     vector = np.array([part.evaluate(values, float) for part in mechanism.gravity])
     down: Floats = vector / np.linalg.norm(vector)
     return down
@@ -309,14 +417,21 @@ def _down(mechanism: Mechanism) -> Floats | None:
 
 def _angle(axis: Floats, start: Floats, end: Floats) -> float:
     """The angle of the turn about an axis that brings one vector next to another."""
-    sine, cosine = axis @ np.cross(start, end), start @ end - (axis @ start) * (axis @ end)
-    return float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > _PARALLEL else 0.0
+    sine, cosine = (
+        axis @ np.cross(start, end),
+        start @ end - (axis @ start) * (axis @ end),
+    )
+    return (
+        float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > _PARALLEL else 0.0
+    )
 
 
 def _rotation(axis: Floats, angle: float) -> Floats:
     """The matrix of a turn, by Rodrigues' formula."""
     cross = np.cross(np.eye(3), axis).T
-    turned: Floats = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    turned: Floats = (
+        np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    )
     return turned
 
 
@@ -325,4 +440,8 @@ def _shortest_turn(start: Floats, end: Floats) -> Floats:
     end = end * (1 if start @ end >= 0 else -1)
     normal = np.cross(start, end)
     size = np.linalg.norm(normal)
-    return _rotation(normal / size, float(np.arctan2(size, start @ end))) if size > 1e-15 else np.eye(3)
+    return (
+        _rotation(normal / size, float(np.arctan2(size, start @ end)))
+        if size > 1e-15
+        else np.eye(3)
+    )

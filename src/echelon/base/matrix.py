@@ -44,7 +44,9 @@ class StatedNumbers:
     """Columns of B whose coefficients are numbers, true at stated values of the symbols only."""
 
     columns: tuple[int, ...]  # ascending
-    at: Mapping[str, str]  # the stated values of the symbols that matter, as exact text; radians for angles
+    at: Mapping[
+        str, str
+    ]  # the stated values of the symbols that matter, as exact text; radians for angles
     radius: float  # largest error of a coefficient; 0 where they are exact
     rounded: bool = False  # whether they hold to the last decimals of a file only, which the error stands for
 
@@ -100,14 +102,21 @@ class BaseMatrix:
         """Denominators of coefficients, as text."""
         return {str(c.denominator) for c in self.coefficients if not c.is_polynomial}
 
-    def modulo(self, symbols: Mapping[str, Residues], field: PrimeField) -> list[dict[int, int]]:
+    def modulo(
+        self, symbols: Mapping[str, Residues], field: PrimeField
+    ) -> list[dict[int, int]]:
         """Rows of B modulo a prime, at one geometry.  Shapes: symbols (1,)."""
         values = residues_at(self.generators, symbols, field)
         known = {id(c): c.residue(values, field) for c in self.coefficients}
-        return [{column: known[id(c)] for column, c in row.items()} for row in self.rows]
+        return [
+            {column: known[id(c)] for column, c in row.items()} for row in self.rows
+        ]
 
     def dense_modulo(
-        self, symbols: Mapping[str, Residues], field: PrimeField, columns: Sequence[int] | None = None
+        self,
+        symbols: Mapping[str, Residues],
+        field: PrimeField,
+        columns: Sequence[int] | None = None,
     ) -> Residues:
         """B, or some of its columns in the given order, modulo a prime at one geometry."""
         chosen = range(len(self.parameters)) if columns is None else columns
@@ -127,7 +136,9 @@ class BaseMatrix:
                 matrix[i, column] = known[id(coefficient)]
         return matrix
 
-    def sympy(self, exact: Mapping[str, Any] | None = None) -> sympy.ImmutableSparseMatrix:
+    def sympy(
+        self, exact: Mapping[str, Any] | None = None
+    ) -> sympy.ImmutableSparseMatrix:
         """B as a sympy matrix."""
         with extra("symbolic"):
             import sympy
@@ -138,7 +149,10 @@ class BaseMatrix:
             for i, row in enumerate(self.rows)
             for column, coefficient in row.items()
         }
-        lost = next((c for (i, c), value in entries.items() if value.has(sympy.zoo, sympy.nan)), None)
+        lost = next(
+            (c for (i, c), value in entries.items() if value.has(sympy.zoo, sympy.nan)),
+            None,
+        )
         if lost is not None:
             problem = f"a denominator in the column of {self.parameters[lost]} is zero at the values of the symbols"
             raise InputError(f"{problem}: other representatives are needed")
@@ -163,15 +177,22 @@ def classify(matrix: BaseMatrix) -> dict[str, Identifiability]:
         kind = Identifiability.ALONE if len(row) == 1 else Identifiability.COMBINATION
         for column in row:
             seen[column] = kind
-    return {name: seen.get(column, Identifiability.UNIDENTIFIABLE) for column, name in enumerate(matrix.parameters)}
+    return {
+        name: seen.get(column, Identifiability.UNIDENTIFIABLE)
+        for column, name in enumerate(matrix.parameters)
+    }
 
 
 _PRECISIONS = (128, 512, 2048)
 _DOUBLE_BITS = 53
-_NOTHING = 1e-30  # an error as small as this does not matter, as of a coefficient that is zero
+_NOTHING = (
+    1e-30  # an error as small as this does not matter, as of a coefficient that is zero
+)
 
 
-def _quotient_value(coefficient: RationalFunction, symbols: Mapping[str, float]) -> float:
+def _quotient_value(
+    coefficient: RationalFunction, symbols: Mapping[str, float]
+) -> float:
     """A quotient by balls, because both parts of a long one may be sums that cancel but for 1e-12 of their terms."""
     from echelon.program.arithmetics import ball
 
@@ -188,7 +209,9 @@ def _quotient_value(coefficient: RationalFunction, symbols: Mapping[str, float])
     raise ZeroDivisionError
 
 
-def coefficient_value(coefficient: RationalFunction, symbols: Mapping[str, float]) -> float:
+def coefficient_value(
+    coefficient: RationalFunction, symbols: Mapping[str, float]
+) -> float:
     """A coefficient in double precision."""
     try:
         if coefficient.is_polynomial:
@@ -201,11 +224,15 @@ def coefficient_value(coefficient: RationalFunction, symbols: Mapping[str, float
     except OverflowError:
         value = math.inf
     if not math.isfinite(value):
-        raise InputError(f"the coefficient {shortened(str(coefficient))} is {BEYOND_DOUBLES}")
+        raise InputError(
+            f"the coefficient {shortened(str(coefficient))} is {BEYOND_DOUBLES}"
+        )
     return value
 
 
-def sympy_generators(generators: Iterable[str], exact: Mapping[str, Any]) -> dict[str, Any]:
+def sympy_generators(
+    generators: Iterable[str], exact: Mapping[str, Any]
+) -> dict[str, Any]:
     """Generators in sympy, with values put in for some symbols."""
     with extra("symbolic"):
         import sympy
@@ -213,7 +240,9 @@ def sympy_generators(generators: Iterable[str], exact: Mapping[str, Any]) -> dic
     def symbol(name: str) -> Any:
         return exact[name] if name in exact else sympy.Symbol(name)
 
-    return generator_values(generators, symbol, lambda x, n: (sympy.cos(n * x), sympy.sin(n * x)))
+    return generator_values(
+        generators, symbol, lambda x, n: (sympy.cos(n * x), sympy.sin(n * x))
+    )
 
 
 ORDERS = get_args(Order)
@@ -221,12 +250,16 @@ _EXCHANGE = 5.0
 """What a product takes in an exchange beside one in a sum, because every sum is reduced on its own."""
 
 
-def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str] = ()) -> tuple[int, ...]:
+def column_order(
+    columns: Sequence[Parameter], order: str, prefer: Sequence[str] = ()
+) -> tuple[int, ...]:
     """Columns from most to least preferred as representative."""
     if order not in ORDERS:
         raise InputError(f"unknown order '{order}' (valid: {', '.join(ORDERS)})")
     numbers = list(range(len(columns)))
-    if order == "tip-to-base":  # parameters of effects, which belong to no body, stay last
+    if (
+        order == "tip-to-base"
+    ):  # parameters of effects, which belong to no body, stay last
         numbers.sort(key=lambda c: inf if (body := columns[c].body) is None else -body)
     position = {parameter.name: i for i, parameter in enumerate(columns)}
     first: list[int] = []
@@ -243,7 +276,9 @@ def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str]
     return (*first, *(c for c in numbers if c not in set(first)))
 
 
-def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix | None:
+def reordered(
+    matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator, work: Work
+) -> BaseMatrix | None:
     """The reduced echelon form for another column order."""
     wanted = _pivots(matrix, order, rng)
     rows = dict(zip(matrix.pivots, (dict(row) for row in matrix.rows), strict=True))
@@ -258,14 +293,18 @@ def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generat
     return BaseMatrix(matrix.parameters, wanted, tuple(rows[c] for c in wanted), order)
 
 
-def _pivots(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator) -> tuple[int, ...]:
+def _pivots(
+    matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator
+) -> tuple[int, ...]:
     field = PrimeField.random(rng)
     symbols = {name: field.draw(rng, (1,)) for name in matrix.symbols}
     _, pivots = reduced_echelon(matrix.dense_modulo(symbols, field, order), field)
     return tuple(order[k] for k in pivots)
 
 
-def _exchange(rows: dict[int, dict[int, RationalFunction]], entering: list[int], leaving: set[int]) -> tuple[int, int]:
+def _exchange(
+    rows: dict[int, dict[int, RationalFunction]], entering: list[int], leaving: set[int]
+) -> tuple[int, int]:
     """The cheapest next exchange: the simplest non-zero entry of a leaving row in an entering column."""
     choices = [
         (_complexity(rows[pivot][column]), column, pivot)
@@ -274,22 +313,33 @@ def _exchange(rows: dict[int, dict[int, RationalFunction]], entering: list[int],
         if column in rows[pivot]
     ]
     if not choices:
-        raise EchelonError("the chosen representatives are dependent; please report this model")
+        raise EchelonError(
+            "the chosen representatives are dependent; please report this model"
+        )
     _, column, pivot = min(choices)
     return column, pivot
 
 
 def _complexity(coefficient: RationalFunction) -> int:
     constant = coefficient.is_polynomial and coefficient.numerator.number is not None
-    return 0 if constant else len(coefficient.numerator.terms) + 10 * len(coefficient.denominator.terms)
+    return (
+        0
+        if constant
+        else len(coefficient.numerator.terms) + 10 * len(coefficient.denominator.terms)
+    )
 
 
-def _pivot(rows: dict[int, dict[int, RationalFunction]], column: int, pivot: int, work: Work) -> bool:
+def _pivot(
+    rows: dict[int, dict[int, RationalFunction]], column: int, pivot: int, work: Work
+) -> bool:
     """Exchange a representative; whether the budget allows it."""
     row = rows.pop(pivot)
     lead = row[column]
     across = [other[column] for other in rows.values() if column in other]
-    if not work.take(_EXCHANGE * sum(cost_of_products([(a, b)]) for b in row.values() for a in (lead, *across))):
+    if not work.take(
+        _EXCHANGE
+        * sum(cost_of_products([(a, b)]) for b in row.values() for a in (lead, *across))
+    ):
         return False
     scaled = {c: value / lead for c, value in row.items()}
     for other in rows.values():

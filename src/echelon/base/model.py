@@ -15,7 +15,13 @@ from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation
 from echelon.base.expression import Expression, collect
 from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
-from echelon.base.matrix import BaseMatrix, Identifiability, Row, classify, coefficient_value
+from echelon.base.matrix import (
+    BaseMatrix,
+    Identifiability,
+    Row,
+    classify,
+    coefficient_value,
+)
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues, at_values
 from echelon.choices import Form
@@ -25,9 +31,18 @@ from echelon.exact.expressions import pi_generators
 from echelon.exact.rational import RationalFunction
 from echelon.extras import extra
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length, known_values, stated_values, symbol_values
+from echelon.mechanism.stated import (
+    characteristic_length,
+    known_values,
+    stated_values,
+    symbol_values,
+)
 from echelon.program.sympy_bridge import sympy_number
-from echelon.regressor.linear_forms import LinearForms, inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.linear_forms import (
+    LinearForms,
+    inverse_dynamics_regressor,
+    virtual_power_form,
+)
 
 if TYPE_CHECKING:
     import sympy
@@ -77,10 +92,21 @@ class BaseSet(ABC):
     @cached_property
     def expressions(self) -> tuple[Expression, ...]:
         """Every base parameter in closed form, terms with equal coefficients collected."""
-        decimals = [self.parameters[c] for c in self.matrix.numbers.columns] if self.matrix.numbers else []
+        decimals = (
+            [self.parameters[c] for c in self.matrix.numbers.columns]
+            if self.matrix.numbers
+            else []
+        )
         return tuple(
-            collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())], decimals)
-            for name, unit, row in zip(self.pivots, self.units, self._shown_rows, strict=True)
+            collect(
+                name,
+                unit,
+                [(self.parameters[c], value) for c, value in sorted(row.items())],
+                decimals,
+            )
+            for name, unit, row in zip(
+                self.pivots, self.units, self._shown_rows, strict=True
+            )
         )
 
     @cached_property
@@ -89,7 +115,9 @@ class BaseSet(ABC):
 
         Where symbols have no values, the number of terms stands in their place.
         """
-        return tuple(expression.readable(self._value) for expression in self.expressions)
+        return tuple(
+            expression.readable(self._value) for expression in self.expressions
+        )
 
     def _value(self, coefficient: RationalFunction) -> float | None:
         """A coefficient at the stated values; None where these are missing or give it no double."""
@@ -191,21 +219,32 @@ class BaseModel(BaseSet, Evaluation):
     def classification(self) -> dict[str, Identifiability]:
         """For every standard parameter, what the outputs say about it, at the stated values of the symbols."""
         shown = replace(self.matrix, rows=tuple(self._shown_rows))
-        return classify(shown if self.generic else at_values(shown, stated_values(self.mechanism)))
+        return classify(
+            shown if self.generic else at_values(shown, stated_values(self.mechanism))
+        )
 
     @property
     def _shown_rows(self) -> Sequence[Row]:
         """Rows of B without what is only there because of rounding."""
-        return [{c: v for c, v in row.items() if not self._is_rounding(v)} for row in self.matrix.rows]
+        return [
+            {c: v for c, v in row.items() if not self._is_rounding(v)}
+            for row in self.matrix.rows
+        ]
 
     def _is_rounding(self, coefficient: RationalFunction) -> bool:
         number = coefficient.numerator.number if coefficient.is_polynomial else None
-        return bool(self.mechanism.dependent_velocities) and number is not None and abs(float(number)) < _ROUNDED
+        return (
+            bool(self.mechanism.dependent_velocities)
+            and number is not None
+            and abs(float(number)) < _ROUNDED
+        )
 
     @property
     def hidden(self) -> int:
         """Number of coefficients below 1e-11, from rounding where loops close, that no expression shows."""
-        return sum(self._is_rounding(c) for row in self.matrix.rows for c in row.values())
+        return sum(
+            self._is_rounding(c) for row in self.matrix.rows for c in row.values()
+        )
 
     @property
     def _known(self) -> Mapping[str, float]:
@@ -232,7 +271,9 @@ class BaseModel(BaseSet, Evaluation):
                 raise InputError(f"symbol '{name}' has no value")
             stated = symbol.expression
             values[name] = (
-                sympy.Float(symbol.value) if stated is None else stated.evaluate(pi_generators(sympy.pi), sympy_number)
+                sympy.Float(symbol.value)
+                if stated is None
+                else stated.evaluate(pi_generators(sympy.pi), sympy_number)
             )
         return self.matrix.sympy(values)
 
@@ -254,7 +295,9 @@ class BaseModel(BaseSet, Evaluation):
             If a symbol has no value, or another than the stated one while columns of B are numbers at that.
         """
         self._check_stated(symbols or {})
-        return self.matrix.floats(symbol_values(self.mechanism, self.matrix.symbols, symbols))
+        return self.matrix.floats(
+            symbol_values(self.mechanism, self.matrix.symbols, symbols)
+        )
 
     def _check_stated(self, symbols: Mapping[str, float]) -> None:
         numbers = self.matrix.numbers
@@ -269,7 +312,9 @@ class BaseModel(BaseSet, Evaluation):
     # -- numbers -----------------------------------------------------------------------------------------------
 
     def values(
-        self, standard: Sequence[float] | Floats | None = None, symbols: Mapping[str, float] | None = None
+        self,
+        standard: Sequence[float] | Floats | None = None,
+        symbols: Mapping[str, float] | None = None,
     ) -> Floats:
         """Base parameters ζ̄ = B ζ.
 
@@ -289,9 +334,15 @@ class BaseModel(BaseSet, Evaluation):
         InputError
             If parameters or symbol values are missing or the shape is wrong.
         """
-        zeta = self.standard_values() if standard is None else np.asarray(standard, dtype=float)
+        zeta = (
+            self.standard_values()
+            if standard is None
+            else np.asarray(standard, dtype=float)
+        )
         if zeta.shape != (len(self.parameters),):
-            raise InputError(f"expected {len(self.parameters)} standard parameters, got an array of shape {zeta.shape}")
+            raise InputError(
+                f"expected {len(self.parameters)} standard parameters, got an array of shape {zeta.shape}"
+            )
         result: Floats = self.B_float(symbols) @ zeta
         return result
 
@@ -305,10 +356,16 @@ class BaseModel(BaseSet, Evaluation):
         """
         stated = self.mechanism.standard_values()
         owner = [
-            self.mechanism.bodies[k].name for k in self.mechanism.carriers for _ in self.mechanism.bodies[k].carried
+            self.mechanism.bodies[k].name
+            for k in self.mechanism.carriers
+            for _ in self.mechanism.bodies[k].carried
         ]
         owner += [effect.parameter for effect in self.mechanism.effects]
-        silent = list(dict.fromkeys(name for name, value in zip(owner, stated, strict=True) if value is None))
+        silent = list(
+            dict.fromkeys(
+                name for name, value in zip(owner, stated, strict=True) if value is None
+            )
+        )
         if silent:
             shown = ", ".join(f"'{name}'" for name in silent[:6])
             raise InputError(
@@ -346,7 +403,9 @@ class BaseModel(BaseSet, Evaluation):
         target = np.asarray(values, dtype=float)
         start = np.zeros(size) if prior is None else np.asarray(prior, dtype=float)
         if target.shape != (self.rank,) or start.shape != (size,):
-            raise InputError(f"expected {self.rank} base parameters and a prior of {size} standard parameters")
+            raise InputError(
+                f"expected {self.rank} base parameters and a prior of {size} standard parameters"
+            )
         if not (np.isfinite(target).all() and np.isfinite(start).all()):
             raise InputError("base parameters and prior must be finite numbers")
         return lift(self.B_float(symbols), target, start, self._metric(metric, length))
@@ -368,11 +427,15 @@ class BaseModel(BaseSet, Evaluation):
         -------
         array of shape (n, r)
         """
-        return pseudo_inverse_floats(self.B_float(symbols), self._metric(metric, length))
+        return pseudo_inverse_floats(
+            self.B_float(symbols), self._metric(metric, length)
+        )
 
     def _metric(self, metric: Metric, length: float | None) -> Floats:
         scale = characteristic_length(self.mechanism) if length is None else length
-        return metric_matrix(metric, [c.length_degree for c in self.mechanism.columns], scale)
+        return metric_matrix(
+            metric, [c.length_degree for c in self.mechanism.columns], scale
+        )
 
     # -- recorded forms -----------------------------------------------------------------------------------------
 
@@ -418,8 +481,14 @@ class BaseModel(BaseSet, Evaluation):
         from echelon.base.formulas import absolute_angles, symbolic_regressor
 
         robot = self.mechanism
-        rows = ["power"] if self.reduced.loops else [output.name for output in robot.outputs]
-        return symbolic_regressor(robot.name, self.reduced, rows, self.pivots, form, absolute_angles(robot))
+        rows = (
+            ["power"]
+            if self.reduced.loops
+            else [output.name for output in robot.outputs]
+        )
+        return symbolic_regressor(
+            robot.name, self.reduced, rows, self.pivots, form, absolute_angles(robot)
+        )
 
     # -- showing ------------------------------------------------------------------------------------------------
 

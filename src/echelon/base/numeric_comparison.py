@@ -35,9 +35,17 @@ class NumericComparison:
     @property
     def right(self) -> tuple[float, ...]:
         """Tolerances at which singular values and QR with column pivoting give the exact rank."""
-        pairs = zip(self.numeric.ranks, self.numeric.ranks_by_qr or self.numeric.ranks, strict=True)
+        pairs = zip(
+            self.numeric.ranks,
+            self.numeric.ranks_by_qr or self.numeric.ranks,
+            strict=True,
+        )
         tolerances = zip(self.numeric.tolerances, pairs, strict=True)
-        return tuple(tolerance for tolerance, ranks in tolerances if ranks == (self.rank, self.rank))
+        return tuple(
+            tolerance
+            for tolerance, ranks in tolerances
+            if ranks == (self.rank, self.rank)
+        )
 
     @property
     def verdict(self) -> str:
@@ -45,7 +53,11 @@ class NumericComparison:
         if len(self.right) == len(self.numeric.tolerances):
             return "a numeric rank is right here, at every tolerance"
         where = " and ".join(f"{tolerance:.0e}" for tolerance in self.right)
-        head = f"a numeric rank is right at {where} only" if where else "a numeric rank is wrong at every tolerance"
+        head = (
+            f"a numeric rank is right at {where} only"
+            if where
+            else "a numeric rank is wrong at every tolerance"
+        )
         return f"{head}: {self._reason}"
 
     @property
@@ -97,5 +109,9 @@ def compare_numeric(
     rank = stated_structure(mechanism, rng).rank
     reading = mechanism.reading
     snapped = reading is not None and bool(reading.snaps)
-    literal = stated_structure(reading.literal(), rng).rank if reading is not None and snapped else rank
+    literal = (
+        stated_structure(reading.literal(), rng).rank
+        if reading is not None and snapped
+        else rank
+    )
     return NumericComparison(rank, literal, found)

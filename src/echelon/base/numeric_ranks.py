@@ -39,7 +39,10 @@ _MARGIN = 32
 _MOST_SINGULAR_VALUES = 400
 _RATE, _ACCELERATION = 3.0, 10.0  # largest random ones, rad/s and rad/s²
 _BLOCK = 128  # states that are evaluated together
-_FEW_STATES, _MOTIONS = 100, 3  # closed states, of which more share poses: even one freedom shows as much at each
+_FEW_STATES, _MOTIONS = (
+    100,
+    3,
+)  # closed states, of which more share poses: even one freedom shows as much at each
 _ROUNDS = 8  # of drawing, where states outside a function's domain are left out
 _ROUNDING = float(np.finfo(np.float64).eps)
 _SINGLE_TO_DOUBLE = _ROUNDING / float(np.finfo(np.float32).eps)
@@ -62,7 +65,9 @@ class NumericRanks:
     columns: int  # number of standard parameters
     rows: int  # number of sampled rows
     tolerances: tuple[float, ...]  # relative to the largest value
-    singular: tuple[float, ...]  # singular values, descending, as fractions of the largest
+    singular: tuple[
+        float, ...
+    ]  # singular values, descending, as fractions of the largest
     # |R_kk| of a QR factorisation with column pivoting, as fractions of the first; empty if not asked for
     diagonal: tuple[float, ...] = ()
 
@@ -74,7 +79,11 @@ class NumericRanks:
     @property
     def ranks_by_qr(self) -> tuple[int, ...]:
         """Numbers of diagonal entries of R above each tolerance; empty if R was not asked for."""
-        return tuple(_above(self.diagonal, tolerance) for tolerance in self.tolerances) if self.diagonal else ()
+        return (
+            tuple(_above(self.diagonal, tolerance) for tolerance in self.tolerances)
+            if self.diagonal
+            else ()
+        )
 
     def gap(self, rank: int) -> float:
         """The smallest singular value that a rank keeps by the largest that it drops.
@@ -83,16 +92,24 @@ class NumericRanks:
         """
         if not 0 < rank < len(self.singular):
             return float("inf")
-        return max(self.singular[rank - 1], _ROUNDING) / max(self.singular[rank], _ROUNDING)
+        return max(self.singular[rank - 1], _ROUNDING) / max(
+            self.singular[rank], _ROUNDING
+        )
 
     def widest_gap(self, besides: int | None = None) -> tuple[int, float] | None:
         """The rank with the widest gap, and the gap; None where there is none."""
-        gaps = [(self.gap(rank), rank) for rank in range(1, len(self.singular)) if rank != besides]
+        gaps = [
+            (self.gap(rank), rank)
+            for rank in range(1, len(self.singular))
+            if rank != besides
+        ]
         widest = max(gaps, key=lambda found: (found[0], -found[1]), default=None)
         return None if widest is None else (widest[1], widest[0])
 
     def __repr__(self) -> str:
-        ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(self.ranks, self.tolerances, strict=True))
+        ranks = ", ".join(
+            f"{r} at {t:.0e}" for r, t in zip(self.ranks, self.tolerances, strict=True)
+        )
         return f"NumericRanks({self.rows} × {self.columns}: {ranks})"
 
 
@@ -121,29 +138,45 @@ def numeric_ranks(
     forms = virtual_power_form(mechanism) if recorded is None else recorded
     # rows at few closed states are hardly independent
     if near is None or near + 2 * _MARGIN >= len(columns) or forms.loops is not None:
-        return ranks_of_matrix(_sampled(mechanism, forms, columns, rng, None, symbols), tolerances, pivoted=pivoted)
+        return ranks_of_matrix(
+            _sampled(mechanism, forms, columns, rng, None, symbols),
+            tolerances,
+            pivoted=pivoted,
+        )
     matrix = _sampled(mechanism, forms, columns, rng, near + 2 * _MARGIN, symbols)
     mixed = matrix @ rng.standard_normal((matrix.shape[1], near + _MARGIN))
     if near <= _MOST_SINGULAR_VALUES:
         return ranks_of_matrix(mixed, tolerances, pivoted=pivoted)
     # columns that were mixed at random come in no bad order, so plain QR reveals the rank at a fraction of the cost
     diagonal = np.sort(np.abs(np.diag(np.linalg.qr(mixed, mode="r"))))[::-1]
-    return NumericRanks(mixed.shape[1], mixed.shape[0], tuple(tolerances), _fractions(diagonal))
+    return NumericRanks(
+        mixed.shape[1], mixed.shape[0], tuple(tolerances), _fractions(diagonal)
+    )
 
 
-def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *, pivoted: bool = False) -> NumericRanks:
+def ranks_of_matrix(
+    matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *, pivoted: bool = False
+) -> NumericRanks:
     """Singular values of a matrix as fractions of the largest.  Shapes: matrix (rows, columns)."""
     rows, columns = matrix.shape
-    triangle: Floats = np.asarray(np.linalg.qr(matrix, mode="r")) if rows > columns else matrix
+    triangle: Floats = (
+        np.asarray(np.linalg.qr(matrix, mode="r")) if rows > columns else matrix
+    )
     singular: Floats = np.linalg.svd(triangle, compute_uv=False).astype(np.float64)
     diagonal: Floats = np.zeros(0)
     if pivoted:
         diagonal = pivoted_qr(triangle)[0]
-    return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
+    return NumericRanks(
+        columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal)
+    )
 
 
 def reconstruction_error(
-    mechanism: Mechanism, forms: LinearForms, pivots: Sequence[int], matrix: Floats, rng: np.random.Generator
+    mechanism: Mechanism,
+    forms: LinearForms,
+    pivots: Sequence[int],
+    matrix: Floats,
+    rng: np.random.Generator,
 ) -> float:
     """Largest share of a column of X that X̄ B misses at random states of a mechanism without loops."""
     stacked, rounding = _at_states(mechanism, forms, rng, _FEWEST_ROWS, None)
@@ -170,13 +203,19 @@ def _sampled(
     if forms.loops is not None:
         closed = forms.loops.assembly_at(symbols)
         count = -(-rows // max(1, len(mechanism.outputs)))
-        states = closed.determined_states(rng, count, motions=_MOTIONS if count > _FEW_STATES else 1)
+        states = closed.determined_states(
+            rng, count, motions=_MOTIONS if count > _FEW_STATES else 1
+        )
         found = evaluate_floats(forms, mechanism, *states, symbols, assembly=closed)
         stacked = found.reshape(-1, found.shape[2])[:, list(columns)]
         length = characteristic_length(mechanism)
-        stacked *= np.array([length ** mechanism.columns[column].length_degree for column in columns])
+        stacked *= np.array(
+            [length ** mechanism.columns[column].length_degree for column in columns]
+        )
         sizes = np.linalg.norm(stacked, axis=0)
-        scaled: Floats = stacked / np.maximum(sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300))
+        scaled: Floats = stacked / np.maximum(
+            sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300)
+        )
         return scaled
     forms = forms.columns(columns)
     stacked, rounding = _at_states(mechanism, forms, rng, rows, symbols)
@@ -186,26 +225,43 @@ def _sampled(
 
 
 def _at_states(
-    mechanism: Mechanism, forms: LinearForms, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
+    mechanism: Mechanism,
+    forms: LinearForms,
+    rng: np.random.Generator,
+    rows: int,
+    given: Mapping[str, float] | None,
 ) -> tuple[Floats, Floats]:
     """Rows at random states where all entries are finite, and the size of the rounding in every column."""
     program, entries = forms.program, forms.entries
     schedule = Schedule(program, list(entries.values()))
-    names = [program.inputs[node].name for node in schedule.leaves if program.inputs[node].role == "symbol"]
+    names = [
+        program.inputs[node].name
+        for node in schedule.leaves
+        if program.inputs[node].role == "symbol"
+    ]
     symbols, scales = symbol_values(mechanism, names, given), _scales(mechanism)
     blocks: list[Floats] = []
     count, rounding = 0, np.zeros(forms.shape[1])
     for _ in range(_ROUNDS + rows // _BLOCK):
         leaves = _random_inputs(program, symbols, scales, rng)
-        precisions = (FloatArithmetic(), *([] if count else [_SinglePrecision()]))  # one block shows the rounding
+        precisions = (
+            FloatArithmetic(),
+            *([] if count else [_SinglePrecision()]),
+        )  # one block shows the rounding
         found = np.zeros((len(precisions), _BLOCK, forms.shape[1]))
         for matrix, arithmetic in zip(found, precisions, strict=True):
             with np.errstate(all="ignore"):
-                values = schedule.run(arithmetic, {node: leaves[node] for node in schedule.leaves}, _BLOCK)
+                values = schedule.run(
+                    arithmetic, {node: leaves[node] for node in schedule.leaves}, _BLOCK
+                )
             matrix[:, [column for _, column in entries]] = values.T
         found = found[:, np.isfinite(found).all(axis=(0, 2))]
         if not count and found.shape[1]:
-            rounding = _SINGLE_TO_DOUBLE * np.linalg.norm(found[1] - found[0], axis=0) * sqrt(rows / found.shape[1])
+            rounding = (
+                _SINGLE_TO_DOUBLE
+                * np.linalg.norm(found[1] - found[0], axis=0)
+                * sqrt(rows / found.shape[1])
+            )
         blocks.append(found[0])
         count += found.shape[1]
         if count >= rows:
@@ -218,7 +274,10 @@ class _SinglePrecision(FloatArithmetic):
 
 
 def _random_inputs(
-    program: Program, symbols: Mapping[str, float], scales: Mapping[str, float], rng: np.random.Generator
+    program: Program,
+    symbols: Mapping[str, float],
+    scales: Mapping[str, float],
+    rng: np.random.Generator,
 ) -> dict[int, Floats]:
     """Random values of a program's inputs; what has no scale is within ±1."""
     drawn = {}
@@ -238,10 +297,15 @@ def _scales(mechanism: Mechanism) -> dict[str, float]:
     scales: dict[str, float] = {}
     for motion in mechanism.motions:
         unit = length if motion.kind is MotionKind.TRANSLATION else 1.0
-        turn = 1.0 if motion.kind in (MotionKind.TRANSLATION, MotionKind.BALL) else np.pi
+        turn = (
+            1.0 if motion.kind in (MotionKind.TRANSLATION, MotionKind.BALL) else np.pi
+        )
         scales |= {f"q[{name}]": unit * turn for name in motion.positions}
         for name in motion.velocities:
-            scales |= {f"qd[{name}]": unit * _RATE, f"qdd[{name}]": unit * _ACCELERATION}
+            scales |= {
+                f"qd[{name}]": unit * _RATE,
+                f"qdd[{name}]": unit * _ACCELERATION,
+            }
     return scales
 
 

@@ -56,7 +56,10 @@ class Minor:
 
 
 def find_minor(
-    regressor: LinearForms, columns: tuple[int, ...], rng: np.random.Generator, values: StatedValues | None = None
+    regressor: LinearForms,
+    columns: tuple[int, ...],
+    rng: np.random.Generator,
+    values: StatedValues | None = None,
 ) -> Minor:
     """A non-zero minor of some columns, all of them if they are independent; as block triangular as it can be.
 
@@ -66,7 +69,11 @@ def find_minor(
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
-            settled = regressor.blocks.independent(columns, field, _child(rng), values) if regressor.blocks else set()
+            settled = (
+                regressor.blocks.independent(columns, field, _child(rng), values)
+                if regressor.blocks
+                else set()
+            )
             rest = tuple(p for p in columns if p not in settled)
             sampler = regressor.columns(rest).sampler()
             regions = sampler.regions
@@ -74,11 +81,21 @@ def find_minor(
             residues = _evaluated(sampler, field, rng, states, values)
         except DegenerateSampleError:
             continue
-        found = Minor(len(settled) + rank(regressor.columns(rest).stacked(residues)[0], field), field.p, states)
+        found = Minor(
+            len(settled) + rank(regressor.columns(rest).stacked(residues)[0], field),
+            field.p,
+            states,
+        )
         # once twice the states add nothing and rows abound, also in every region, more will not either
-        enough = found.rank <= best.rank and states * regressor.shape[0] > 4 * len(rest) + 64
+        enough = (
+            found.rank <= best.rank and states * regressor.shape[0] > 4 * len(rest) + 64
+        )
         best = max(best, found, key=lambda minor: minor.rank)
-        if best.rank == len(columns) or (enough and states > regions) or 2 * states > max(_MOST_STATES, 4 * regions):
+        if (
+            best.rank == len(columns)
+            or (enough and states > regions)
+            or 2 * states > max(_MOST_STATES, 4 * regions)
+        ):
             break
         doubled *= 2
     return best
@@ -93,7 +110,11 @@ def _evaluated(
 ) -> Residues:
     """Outputs at random states and one geometry, random where there are no values."""
     own, names = _child(rng), sampler.symbols
-    geometry = values.draw(names, field, own) if values else {name: field.draw(own, (1,)) for name in names}
+    geometry = (
+        values.draw(names, field, own)
+        if values
+        else {name: field.draw(own, (1,)) for name in names}
+    )
     return sampler.evaluate(field, own, states, geometry)
 
 
@@ -119,9 +140,18 @@ class Identity:
     """X = X̄ B in some columns, compared at random points modulo random primes."""
 
     def __init__(
-        self, regressor: LinearForms, matrix: BaseMatrix, columns: Collection[int], rng: np.random.Generator
+        self,
+        regressor: LinearForms,
+        matrix: BaseMatrix,
+        columns: Collection[int],
+        rng: np.random.Generator,
     ) -> None:
-        self.regressor, self.matrix, self.columns, self.rng = regressor, matrix, sorted(columns), rng
+        self.regressor, self.matrix, self.columns, self.rng = (
+            regressor,
+            matrix,
+            sorted(columns),
+            rng,
+        )
         self.sampler = regressor.sampler()
 
     def holds_modulo(self, bits: int) -> int:
@@ -151,12 +181,16 @@ class Identity:
             names = sorted({*self.sampler.symbols, *self.matrix.symbols})
             symbols = {s: field.draw(own, (1,)) for s in names}
             try:
-                values = self.sampler.evaluate(field, own, max(states, self.sampler.regions), symbols)
+                values = self.sampler.evaluate(
+                    field, own, max(states, self.sampler.regions), symbols
+                )
                 rows = self.matrix.modulo(symbols, field)
             except DegenerateSampleError:
                 continue
             self._refuse_other_roles()
-            return Point(field, values, dict(zip(self.matrix.pivots, rows, strict=True)))
+            return Point(
+                field, values, dict(zip(self.matrix.pivots, rows, strict=True))
+            )
         raise CertificateError("every random point is singular")
 
     def _refuse_other_roles(self) -> None:
@@ -187,8 +221,12 @@ class Identity:
             If it does not hold there, with the first column that shows it.
         """
         matrix, p = self.matrix, point.field.p
-        for actual in self._rows_of_regressor(point.values[:, 0, : self.sampler.regions]):
-            present = {pivot: actual[pivot] for pivot in matrix.pivots if actual.get(pivot)}
+        for actual in self._rows_of_regressor(
+            point.values[:, 0, : self.sampler.regions]
+        ):
+            present = {
+                pivot: actual[pivot] for pivot in matrix.pivots if actual.get(pivot)
+            }
             claimed = substituted(present, point.rows)
             for column in self.columns:
                 if (actual.get(column, 0) - claimed.get(column, 0)) % p:
@@ -206,7 +244,10 @@ class Identity:
 
 
 def check_spanned(
-    regressor: LinearForms, matrix: BaseMatrix, columns: Collection[int], rng: np.random.Generator
+    regressor: LinearForms,
+    matrix: BaseMatrix,
+    columns: Collection[int],
+    rng: np.random.Generator,
 ) -> tuple[int, float]:
     """Show that some columns are combinations of the pivots, whatever their coefficients, by ranks modulo primes.
 
@@ -235,17 +276,24 @@ def check_spanned(
         field = PrimeField.random(rng, CERTIFICATE_BITS)
         table = _rows_showing_pivots(forms, matrix.rank, field, rng)
         if rank(table, field) > matrix.rank:
-            raise CertificateError("the set is wrong at the stated values: columns of numbers are independent of it")
+            raise CertificateError(
+                "the set is wrong at the stated values: columns of numbers are independent of it"
+            )
         entry = size_bound(sampler.program, sampler.outputs)
         leaf, factors = sampler.leaf_size, entry.degree * sampler.leaves
         # one (r + 1) × (r + 1) minor is a polynomial in the entries of r + 1 rows
         order = matrix.rank + 1
-        size = Size(order * factors * leaf.degree, order * (entry.bits + factors * leaf.bits + log2(order + 1)))
+        size = Size(
+            order * factors * leaf.degree,
+            order * (entry.bits + factors * leaf.bits + log2(order + 1)),
+        )
         primes, bound = primes + 1, bound + log10_missed(size)
     return primes, bound
 
 
-def _rows_showing_pivots(forms: LinearForms, pivots: int, field: PrimeField, rng: np.random.Generator) -> Residues:
+def _rows_showing_pivots(
+    forms: LinearForms, pivots: int, field: PrimeField, rng: np.random.Generator
+) -> Residues:
     """Rows of X in which the first columns are independent, and further ones in every region of signs."""
     sampler, regions = forms.sampler(), forms.sampler().regions
     states = max(2 + pivots // max(1, forms.shape[0]), regions)
@@ -258,7 +306,9 @@ def _rows_showing_pivots(forms: LinearForms, pivots: int, field: PrimeField, rng
         if rank(table[: states * forms.shape[0], :pivots], field) == pivots:
             return table
         states *= 2
-    raise CertificateError(f"the set is too large: its {pivots} representatives are dependent at the stated values")
+    raise CertificateError(
+        f"the set is too large: its {pivots} representatives are dependent at the stated values"
+    )
 
 
 def _identity_size(forms: Size, matrix: BaseMatrix, sampler: FieldSampler) -> Size:
@@ -267,14 +317,19 @@ def _identity_size(forms: Size, matrix: BaseMatrix, sampler: FieldSampler) -> Si
     ``forms`` is the size of the entries of X in the sampler's leaves.
     """
     substituted = sampler.leaf_size
-    turns = 2 * max((multiple_of(g)[0] for g in matrix.generators if is_trigonometric(g)), default=1)
+    turns = 2 * max(
+        (multiple_of(g)[0] for g in matrix.generators if is_trigonometric(g)), default=1
+    )
     above = polynomial_size(c.numerator for c in matrix.coefficients)
     below = [polynomial_size([d]) for d in {c.denominator for c in matrix.coefficients}]
     degree = forms.degree + above.degree + sum(d.degree for d in below)
     bits = forms.bits + above.bits + sum(d.bits for d in below) + log2(matrix.rank + 1)
     # each factor is a quotient of random numbers, and each of them may be missing from a term that it then multiplies
     factors = degree * (sampler.leaves + len(matrix.symbols))
-    return Size(factors * max(turns, substituted.degree), bits + factors * max(float(turns), substituted.bits))
+    return Size(
+        factors * max(turns, substituted.degree),
+        bits + factors * max(float(turns), substituted.bits),
+    )
 
 
 def log10_missed(size: Size) -> float:
@@ -289,8 +344,13 @@ def log10_missed(size: Size) -> float:
         If the degree or the size is so high that a point shows next to nothing.
     """
     point = log10(max(1, size.degree)) - log10(2) * (CERTIFICATE_BITS - 1)
-    prime = log10(max(1.0, 4 * size.bits / (CERTIFICATE_BITS - 1))) - log10(2) * _LOG2_PRIMES
+    prime = (
+        log10(max(1.0, 4 * size.bits / (CERTIFICATE_BITS - 1)))
+        - log10(2) * _LOG2_PRIMES
+    )
     missed = max(point, prime) + log10(2)
     if missed > _LEAST_SHOWN:
-        raise CertificateError(f"its degree of {size.degree} is too high for primes of {CERTIFICATE_BITS} bits")
+        raise CertificateError(
+            f"its degree of {size.degree} is too high for primes of {CERTIFICATE_BITS} bits"
+        )
     return missed

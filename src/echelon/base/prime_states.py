@@ -34,7 +34,13 @@ class PrimeStates:
         program = len(forms.program.needed(list(forms.entries.values())))
         return (unknowns + 1) * program + (unknowns + 1) * unknowns * forms.shape[1]
 
-    def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator, sources: int) -> Residues:
+    def coefficients(
+        self,
+        field: PrimeField,
+        geometry: Geometry,
+        rng: np.random.Generator,
+        sources: int,
+    ) -> Residues:
         """Coefficients of all columns behind the auxiliary ones and some sources, as combinations of these.
 
         Parameters
@@ -61,9 +67,13 @@ class PrimeStates:
         states = max(unknowns + 1, self._sampler.regions)
         most = states if self._sampler.regions == 1 else _MOST_TIMES * states
         while True:
-            matrix = self.rows.forms.stacked(self._sampler.evaluate(field, rng, states, geometry))
+            matrix = self.rows.forms.stacked(
+                self._sampler.evaluate(field, rng, states, geometry)
+            )
             try:
-                solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
+                solution = solve_batched(
+                    matrix[:, :, :unknowns], matrix[:, :, unknowns:], field
+                )
             except DegenerateSampleError:
                 states = 2 * states  # a region of signs may need more points
                 if states > most:

@@ -58,7 +58,9 @@ def blocks(rows: Sequence[Sparse]) -> list[list[int]]:
     return found
 
 
-def adjugate(rows: Sequence[Sparse], one: Any, most_terms: int) -> tuple[list[Sparse], Any]:
+def adjugate(
+    rows: Sequence[Sparse], one: Any, most_terms: int
+) -> tuple[list[Sparse], Any]:
     """The inverse of a symmetric definite matrix as a matrix of polynomials and a common denominator."""
     size = len(rows)
     if 4 * size * size > most_terms:  # even in numbers, whose digits grow with the size
@@ -82,22 +84,33 @@ def adjugate(rows: Sequence[Sparse], one: Any, most_terms: int) -> tuple[list[Sp
         work += length
         if length > most_terms or work > _PASSES * most_terms:
             raise ClosedFormError(f"the closed form has more than {most_terms} terms")
-    return [{c - size: entry for c, entry in row.items() if c >= size} for row in table], previous
+    return [
+        {c - size: entry for c, entry in row.items() if c >= size} for row in table
+    ], previous
 
 
 def _inverse_of_numbers(rows: Sequence[Sparse], one: Any) -> list[Sparse]:
     """The inverse itself, where FLINT's algorithm for rational numbers will do."""
     size, zero = len(rows), flint.fmpq(0)
-    values = [{c: next(iter(entry.coeffs())) for c, entry in row.items()} for row in rows]
-    matrix = flint.fmpq_mat(size, size, [row.get(c, zero) for row in values for c in range(size)])
+    values = [
+        {c: next(iter(entry.coeffs())) for c, entry in row.items()} for row in rows
+    ]
+    matrix = flint.fmpq_mat(
+        size, size, [row.get(c, zero) for row in values for c in range(size)]
+    )
     try:
         inverse = matrix.inv()
     except ZeroDivisionError:
         raise ClosedFormError(_SINGULAR) from None
-    return [{c: one * inverse[k, c] for c in range(size) if inverse[k, c] != 0} for k in range(size)]
+    return [
+        {c: one * inverse[k, c] for c in range(size) if inverse[k, c] != 0}
+        for k in range(size)
+    ]
 
 
-def _eliminated(row: Sparse, leading: Sparse, column: int, pivot: Any, previous: Any) -> Sparse:
+def _eliminated(
+    row: Sparse, leading: Sparse, column: int, pivot: Any, previous: Any
+) -> Sparse:
     """(pivot · row − factor · leading) / previous, without the column."""
     factor = row.get(column)
     if factor is None:
@@ -108,7 +121,9 @@ def _eliminated(row: Sparse, leading: Sparse, column: int, pivot: Any, previous:
             continue
         entry = row[c] * pivot if c in row else None
         if c in leading:
-            entry = -(factor * leading[c]) if entry is None else entry - factor * leading[c]
+            entry = (
+                -(factor * leading[c]) if entry is None else entry - factor * leading[c]
+            )
         if entry:
             found[c] = entry / previous
     return found
@@ -118,17 +133,29 @@ def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunc
     """Non-zero entries of S."""
     if isinstance(metric, str):
         if metric != "identity":
-            raise InputError(f"unknown metric '{metric}' (valid: identity, a diagonal, or a sympy Matrix)")
+            raise InputError(
+                f"unknown metric '{metric}' (valid: identity, a diagonal, or a sympy Matrix)"
+            )
         return {(k, k): RationalFunction(1) for k in range(size)}
     if not (hasattr(metric, "todok") or hasattr(metric, "__iter__")):
-        raise InputError(f"a metric is 'identity', a diagonal, or a sympy Matrix, not {metric!r}")
+        raise InputError(
+            f"a metric is 'identity', a diagonal, or a sympy Matrix, not {metric!r}"
+        )
     if hasattr(metric, "todok") and 1 not in metric.shape:
-        shape, given = metric.shape, {(int(i), int(j)): value for (i, j), value in metric.todok().items()}
+        shape, given = (
+            metric.shape,
+            {(int(i), int(j)): value for (i, j), value in metric.todok().items()},
+        )
     else:
         diagonal = list(metric)
-        shape, given = (len(diagonal),) * 2, {(k, k): value for k, value in enumerate(diagonal)}
+        shape, given = (
+            (len(diagonal),) * 2,
+            {(k, k): value for k, value in enumerate(diagonal)},
+        )
     if shape != (size, size):
-        raise InputError(f"the metric is {shape[0]} × {shape[1]}; expected {size} × {size} or its diagonal")
+        raise InputError(
+            f"the metric is {shape[0]} × {shape[1]}; expected {size} × {size} or its diagonal"
+        )
     entries = {place: _rational(value) for place, value in given.items() if value != 0}
     if any(entries.get((j, i)) != value for (i, j), value in entries.items()):
         raise InputError("the metric is not symmetric")
@@ -136,13 +163,23 @@ def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunc
     return entries
 
 
-def _check_definite(entries: Mapping[tuple[int, int], RationalFunction], size: int) -> None:
+def _check_definite(
+    entries: Mapping[tuple[int, int], RationalFunction], size: int
+) -> None:
     """Refuse what is surely not positive definite; where S has symbols, by the numbers on its diagonal."""
-    numbers = {place: value.numerator.number for place, value in entries.items() if value.is_polynomial}
-    known = {place: float(number) for place, number in numbers.items() if number is not None}
+    numbers = {
+        place: value.numerator.number
+        for place, value in entries.items()
+        if value.is_polynomial
+    }
+    known = {
+        place: float(number) for place, number in numbers.items() if number is not None
+    }
     matrix = np.zeros((size, size))
     for i, j in entries:
-        matrix[i, j] = known.get((i, j), i == j) if i == j or len(known) == len(entries) else 0.0
+        matrix[i, j] = (
+            known.get((i, j), i == j) if i == j or len(known) == len(entries) else 0.0
+        )
     if np.linalg.eigvalsh(matrix).min(initial=1.0) <= 0:
         raise InputError("the metric is not positive definite")
 
@@ -153,12 +190,21 @@ def _rational(value: Any) -> RationalFunction:
         if isinstance(value, str):  # text is read, never evaluated as code
             return RationalFunction(parse(value))
         formula = sympy.sympify(value, rational=False, strict=True)
-        formula = formula.replace(lambda e: e.is_Float, lambda e: sympy.Rational(str(e)))
-        if formula.has(sympy.sqrt(2), sympy.sqrt(3)) or not formula.is_rational_function():
+        formula = formula.replace(
+            lambda e: e.is_Float, lambda e: sympy.Rational(str(e))
+        )
+        if (
+            formula.has(sympy.sqrt(2), sympy.sqrt(3))
+            or not formula.is_rational_function()
+        ):
             raise ValueError(value)
-        return RationalFunction(*(parse(str(part)) for part in sympy.fraction(sympy.together(formula))))
+        return RationalFunction(
+            *(parse(str(part)) for part in sympy.fraction(sympy.together(formula)))
+        )
     except (sympy.SympifyError, AttributeError, TypeError, ValueError):
-        raise InputError(f"the metric's entry '{value}' is not a rational function with rational numbers") from None
+        raise InputError(
+            f"the metric's entry '{value}' is not a rational function with rational numbers"
+        ) from None
 
 
 MOST_TERMS = 150_000
@@ -166,13 +212,19 @@ MOST_TERMS = 150_000
 
 
 def pseudo_inverse(
-    matrix: BaseMatrix, metric: Any, formulas: Mapping[str, Any], most_terms: int = MOST_TERMS
+    matrix: BaseMatrix,
+    metric: Any,
+    formulas: Mapping[str, Any],
+    most_terms: int = MOST_TERMS,
 ) -> sympy.ImmutableMatrix:
     """The inverse of B from the right that belongs to a metric."""
     n = len(matrix.parameters)
     weights, _ = _cleared(metric_entries(metric, n))
     cleared = [_cleared(dict(row)) for row in matrix.rows]
-    ring = Ring(*weights.values(), *(p for row, factor in cleared for p in (*row.values(), factor)))
+    ring = Ring(
+        *weights.values(),
+        *(p for row, factor in cleared for p in (*row.values(), factor)),
+    )
     rows = [{c: ring.enter(p) for c, p in row.items()} for row, _ in cleared]
     weight: dict[int, Sparse] = {c: {} for c in range(n)}
     for (i, j), polynomial in weights.items():
@@ -188,28 +240,51 @@ def pseudo_inverse(
     entries = [sympy.S.Zero] * (n * matrix.rank)
     for block in blocks(gram):
         try:
-            numerators, denominator = _block(block, gram, weighted, ring.context.constant(1), most_terms)
+            numerators, denominator = _block(
+                block, gram, weighted, ring.context.constant(1), most_terms
+            )
         except ClosedFormError as error:
             problem = f"{error}; numbers for symbols, or pseudo_inverse_float, need no closed form"
             raise ClosedFormError(problem) from None
         _check_inverse([rows[i] for i in block], numerators, denominator)
         for c, row in numerators.items():
             for k, numerator in row.items():
-                entries[c * matrix.rank + block[k]] = writer.quotient(numerator * factors[block[k]], denominator)
-    return sympy.ImmutableMatrix(n, matrix.rank, entries, copy=False)  # a sparse one would sort its entries: slow
+                entries[c * matrix.rank + block[k]] = writer.quotient(
+                    numerator * factors[block[k]], denominator
+                )
+    return sympy.ImmutableMatrix(
+        n, matrix.rank, entries, copy=False
+    )  # a sparse one would sort its entries: slow
 
 
 def _own_symbols(metric: Any, matrix: BaseMatrix) -> dict[str, Any]:
     """Symbols of the metric as they were given, with their assumptions, unless B has symbols of their names."""
-    given = {} if isinstance(metric, str) else {s.name: s for e in metric for s in getattr(e, "free_symbols", ())}
-    return {name: symbol for name, symbol in given.items() if name not in matrix.symbols}
+    given = (
+        {}
+        if isinstance(metric, str)
+        else {s.name: s for e in metric for s in getattr(e, "free_symbols", ())}
+    )
+    return {
+        name: symbol for name, symbol in given.items() if name not in matrix.symbols
+    }
 
 
-def _cleared(entries: Mapping[Any, RationalFunction]) -> tuple[dict[Any, Polynomial], Polynomial]:
+def _cleared(
+    entries: Mapping[Any, RationalFunction],
+) -> tuple[dict[Any, Polynomial], Polynomial]:
     """Rational functions times their common denominator, and it."""
-    denominators: dict[Polynomial, None] = {e.denominator: None for e in entries.values()}
-    common = reduce(lambda a, b: RationalFunction(a, b).denominator * a, denominators, Polynomial.constant(1))
-    scaled = {place: RationalFunction(e.numerator * common, e.denominator).numerator for place, e in entries.items()}
+    denominators: dict[Polynomial, None] = {
+        e.denominator: None for e in entries.values()
+    }
+    common = reduce(
+        lambda a, b: RationalFunction(a, b).denominator * a,
+        denominators,
+        Polynomial.constant(1),
+    )
+    scaled = {
+        place: RationalFunction(e.numerator * common, e.denominator).numerator
+        for place, e in entries.items()
+    }
     return scaled, common
 
 
@@ -219,11 +294,17 @@ def _product(row: Sparse, others: Mapping[int, Sparse]) -> Sparse:
 
 
 def _block(
-    block: Sequence[int], gram: Sequence[Sparse], weighted: Sequence[Sparse], one: Any, most_terms: int
+    block: Sequence[int],
+    gram: Sequence[Sparse],
+    weighted: Sequence[Sparse],
+    one: Any,
+    most_terms: int,
 ) -> tuple[dict[int, Sparse], Any]:
     """Rows of S Bᵀ (B S Bᵀ)⁻¹ for one block, by standard parameter, times the denominator that follows."""
     place = {row: k for k, row in enumerate(block)}
-    inverse, denominator = adjugate([{place[c]: e for c, e in gram[i].items()} for i in block], one, most_terms)
+    inverse, denominator = adjugate(
+        [{place[c]: e for c, e in gram[i].items()} for i in block], one, most_terms
+    )
     rows, transposed = dict(enumerate(inverse)), dict[int, Sparse]()
     for k, i in enumerate(block):
         for c, entry in weighted[i].items():
@@ -231,11 +312,18 @@ def _block(
     return {c: _product(row, rows) for c, row in transposed.items()}, denominator
 
 
-def _check_inverse(rows: Sequence[Sparse], numerators: Mapping[int, Sparse], denominator: Any) -> None:
+def _check_inverse(
+    rows: Sequence[Sparse], numerators: Mapping[int, Sparse], denominator: Any
+) -> None:
     """B · B† = 1 as an identity of polynomials."""
     for i, row in enumerate(rows):
-        total = substituted({c: entry for c, entry in row.items() if c in numerators}, numerators)
-        if any(value != (denominator if k == i else 0) for k, value in total.items()) or i not in total:
+        total = substituted(
+            {c: entry for c, entry in row.items() if c in numerators}, numerators
+        )
+        if (
+            any(value != (denominator if k == i else 0) for k, value in total.items())
+            or i not in total
+        ):
             raise EchelonError("B · B† is not the identity; please report this model")
 
 
@@ -245,7 +333,11 @@ class _Writer:
     def __init__(self, ring: Ring, formulas: Mapping[str, Any]) -> None:
         self._ring = ring
         *names, _, _ = ring.names
-        self._generators = [*sympy_generators(names, formulas).values(), sympy.sqrt(2), sympy.sqrt(3)]
+        self._generators = [
+            *sympy_generators(names, formulas).values(),
+            sympy.sqrt(2),
+            sympy.sqrt(3),
+        ]
         self._monomials: dict[tuple[int, ...], Any] = {}
         self._written: dict[str, Any] = {}
 
@@ -259,14 +351,18 @@ class _Writer:
         text = str(element)
         if text not in self._written:
             terms = self._ring.reduced(element).to_dict().items()
-            self._written[text] = sympy.Add(*(self._term(exponents, number) for exponents, number in terms))
+            self._written[text] = sympy.Add(
+                *(self._term(exponents, number) for exponents, number in terms)
+            )
         return self._written[text]
 
     def _term(self, exponents: tuple[int, ...], coefficient: Any) -> Any:
         number = sympy.Rational(int(coefficient.p), int(coefficient.q))
         if exponents not in self._monomials:
             pairs = zip(self._generators, exponents, strict=True)
-            self._monomials[exponents] = sympy.Mul(*(g ** int(e) for g, e in pairs if e))
+            self._monomials[exponents] = sympy.Mul(
+                *(g ** int(e) for g, e in pairs if e)
+            )
         monomial = self._monomials[exponents]
         if number == 1 or not any(exponents[:-2]):
             return number * monomial

@@ -60,8 +60,12 @@ class ReadingReport:
 
     snaps: tuple[Snap, ...] = ()  # what was read as exact
     notes: tuple[str, ...] = ()  # what the reader wants its user to know
-    literal_rank: int | None = None  # rank of the literal reading; None where nothing that matters was snapped
-    decisive: tuple[Snap, ...] = ()  # snaps without any of which the rank would not be the intended one
+    literal_rank: int | None = (
+        None  # rank of the literal reading; None where nothing that matters was snapped
+    )
+    decisive: tuple[
+        Snap, ...
+    ] = ()  # snaps without any of which the rank would not be the intended one
     # where the float ranks of the literal numbers do not confirm the exact one, what they are; otherwise empty
     doubt: str = ""
     mimics: MimicRanks | None = None  # of files that couple joints
@@ -86,7 +90,9 @@ def report_reading(
     report = replace(report, mimics=mimic_ranks(mechanism, rank, rng))
     if spectrum is not None and spectrum.note:
         literal_rank = report.literal_rank or spectrum.literal
-        report = replace(report, notes=(*report.notes, spectrum.note), literal_rank=literal_rank)
+        report = replace(
+            report, notes=(*report.notes, spectrum.note), literal_rank=literal_rank
+        )
     return replace(report, doubt=_together(report.doubt, _locked_drives(mechanism)))
 
 
@@ -103,13 +109,21 @@ def _compared(
     notes = (*notes, *mechanism_notes(mechanism))
     report = ReadingReport(snaps, notes, assembled=moved_to_close(mechanism))
     coarse = [snap for snap in snaps if snap.difference > ROUNDING]
-    if reading is None or not coarse:  # to double precision, the numbers as they are read are those of the file
-        return replace(report, doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism, spectrum))
+    if (
+        reading is None or not coarse
+    ):  # to double precision, the numbers as they are read are those of the file
+        return replace(
+            report,
+            doubt=_doubt(mechanism, recorded, rank, rank, matrix, mechanism, spectrum),
+        )
     try:
         literal = reading.literal()
         literal_rank = _to_the_letter(literal, rng)
     except (InputError, SingularPoseError) as error:  # rounding has locked loops
-        return replace(report, notes=(*notes, f"the literal reading of the file has no answer: {error}"))
+        return replace(
+            report,
+            notes=(*notes, f"the literal reading of the file has no answer: {error}"),
+        )
     chosen: set[str] = set()
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
@@ -128,7 +142,9 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
         if len(mechanism.sharing[k]) > 1
     ]
     if locked := joints_locked_by_loops(mechanism):
-        notes.append(f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}")
+        notes.append(
+            f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked, _MOST_NAMED)}"
+        )
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
     return [*notes, *([f"{what}: {split} is independent"] if split else [])]
@@ -148,8 +164,15 @@ def doubt_of_loops(mechanism: Mechanism) -> str:
 def _locked_drives(mechanism: Mechanism) -> str:
     """That joints with drives cannot move, if there are such; else empty."""
     stated = () if mechanism.reading is None else mechanism.reading.driven
-    driven = {*stated, *(name for actuator in mechanism.actuators for name, _ in actuator.terms)}
-    locked = [name for name in joints_locked_by_loops(mechanism) if name in driven] if driven else []
+    driven = {
+        *stated,
+        *(name for actuator in mechanism.actuators for name, _ in actuator.terms),
+    }
+    locked = (
+        [name for name in joints_locked_by_loops(mechanism) if name in driven]
+        if driven
+        else []
+    )
     if not locked:
         return ""
     return (
@@ -180,7 +203,11 @@ def _doubt(
         return ""
     low, high = sorted((literal, intended))
     columns, where = None, ""
-    if len(mechanism.parameters) > _MOST_COLUMNS and matrix is not None and matrix.numbers is None:
+    if (
+        len(mechanism.parameters) > _MOST_COLUMNS
+        and matrix is not None
+        and matrix.numbers is None
+    ):
         columns = _neighbours(len(matrix.parameters))
         part = _rank_of_columns(matrix, columns, stated_values(mechanism))
         if part is None:
@@ -191,15 +218,25 @@ def _doubt(
     if high > _LARGEST_RANK:
         return f"not compared with float ranks, as {high} is more than {_LARGEST_RANK}"
     try:
-        found = numeric_ranks(as_stated, literal=False, near=high, recorded=recorded, columns=columns)
+        found = numeric_ranks(
+            as_stated, literal=False, near=high, recorded=recorded, columns=columns
+        )
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     widest = found.widest_gap()
-    if widest is None or widest[1] < _CLEAR_GAP or any(low <= r <= high for r in (*found.ranks, widest[0])):
+    if (
+        widest is None
+        or widest[1] < _CLEAR_GAP
+        or any(low <= r <= high for r in (*found.ranks, widest[0]))
+    ):
         return ""
-    if mechanism.effects and max(found.ranks) < low:  # random states may miss small regions of signs
+    if (
+        mechanism.effects and max(found.ranks) < low
+    ):  # random states may miss small regions of signs
         return ""
-    ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True))
+    ranks = ", ".join(
+        f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True)
+    )
     expected = literal if columns is None else high
     return f"the file's numbers in floating point do not confirm {expected}{where}: rank {ranks}"
 
@@ -210,7 +247,9 @@ def _neighbours(count: int) -> range:
     return range(start, start + _MOST_COLUMNS)
 
 
-def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedValues) -> int | None:
+def _rank_of_columns(
+    matrix: BaseMatrix, columns: Sequence[int], values: StatedValues
+) -> int | None:
     """Rank of some columns of B at the stated values, which is that of X, modulo a random prime.
 
     None where the values make a denominator zero.
@@ -218,13 +257,17 @@ def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedV
     rng = random_generator(DEFAULT_SEED)
     field = PrimeField.random(rng, ARRAY_BITS)
     try:
-        dense = matrix.dense_modulo(values.draw(matrix.symbols, field, rng), field, columns)
+        dense = matrix.dense_modulo(
+            values.draw(matrix.symbols, field, rng), field, columns
+        )
     except DegenerateSampleError:
         return None
     return rank_modulo(dense[dense.any(axis=1)], field)
 
 
-def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> MimicRanks | None:
+def mimic_ranks(
+    mechanism: Mechanism, rank: int, rng: np.random.Generator
+) -> MimicRanks | None:
     """The rank beside that of the other reading of mimic joints; None without mimic joints."""
     reading = mechanism.reading
     try:
@@ -234,7 +277,11 @@ def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> Mi
     if other is None:
         return None
     found = stated_structure(other, rng).rank
-    return MimicRanks(rank, found) if len(mechanism.couplings) > len(other.couplings) else MimicRanks(found, rank)
+    return (
+        MimicRanks(rank, found)
+        if len(mechanism.couplings) > len(other.couplings)
+        else MimicRanks(found, rank)
+    )
 
 
 def _to_the_letter(mechanism: Mechanism, rng: np.random.Generator) -> int:
@@ -243,7 +290,13 @@ def _to_the_letter(mechanism: Mechanism, rng: np.random.Generator) -> int:
     return structure.rank if structure.spectrum is None else structure.spectrum.literal
 
 
-def _decisive(reading: Reading, elements: Sequence[str], rank: int, bodies: int, rng: np.random.Generator) -> list[str]:
+def _decisive(
+    reading: Reading,
+    elements: Sequence[str],
+    rank: int,
+    bodies: int,
+    rng: np.random.Generator,
+) -> list[str]:
     """Elements that change the rank when taken literally, by bisection; whole groups once enough has been tried."""
     trials = iter(range(max(_FEWEST_TRIALS, _MOST_TRIALS // bodies)))
 
@@ -255,6 +308,8 @@ def _decisive(reading: Reading, elements: Sequence[str], rank: int, bodies: int,
         if len(group) == 1:
             return list(group)
         middle = len(group) // 2
-        return [*bisected(group[:middle]), *bisected(group[middle:])] or list(group)  # only together do they matter
+        return [*bisected(group[:middle]), *bisected(group[middle:])] or list(
+            group
+        )  # only together do they matter
 
     return bisected(elements)

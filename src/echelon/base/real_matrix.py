@@ -70,12 +70,17 @@ def in_numbers(
     rows = {pivot: {pivot: RationalFunction(1)} for pivot in found.pivots}
     if not {pivot for row in known.values() for pivot in row} <= rows.keys():
         known = {}  # closed forms in terms of other representatives
-    stated, radius = set[int](), 0.0  # columns whose coefficients are decimals, or belong to values of symbols
+    stated, radius = (
+        set[int](),
+        0.0,
+    )  # columns whose coefficients are decimals, or belong to values of symbols
     for column, combination in known.items():
         for pivot, coefficient in combination.items():
             rows[pivot][column] = coefficient
     with flint.ctx.workprec(found.bits):
-        for column, coefficients in zip(found.others, np.transpose(found.solution), strict=True):
+        for column, coefficients in zip(
+            found.others, np.transpose(found.solution), strict=True
+        ):
             for pivot, ball in zip(found.pivots, coefficients, strict=True):
                 if column in known or vanishes(ball, found.bits):
                     continue
@@ -92,6 +97,10 @@ def in_numbers(
                 if named or exact is None or independent.error:
                     stated.add(column)
                 rows[pivot][column] = RationalFunction(number)
-    numbers = StatedNumbers(tuple(sorted(stated)), at, radius, bool(independent.error)) if stated else None
+    numbers = (
+        StatedNumbers(tuple(sorted(stated)), at, radius, bool(independent.error))
+        if stated
+        else None
+    )
     ordered = tuple(dict(sorted(rows[pivot].items())) for pivot in found.pivots)
     return BaseMatrix(parameters, found.pivots, ordered, tuple(order), numbers)

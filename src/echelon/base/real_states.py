@@ -21,8 +21,19 @@ from echelon.arrays import Floats
 from echelon.base.ball_rows import ball_rows, states_in
 from echelon.base.ball_tables import Balls, combinations_of, exact_number, vanishes
 from echelon.base.elimination import Independent, eliminated, sizes_shown
-from echelon.errors import ClosedFormError, DegenerateSampleError, InputError, SingularPoseError
-from echelon.exact.field import DEFAULT_SEED, Geometry, PrimeField, Residues, random_generator
+from echelon.errors import (
+    ClosedFormError,
+    DegenerateSampleError,
+    InputError,
+    SingularPoseError,
+)
+from echelon.exact.field import (
+    DEFAULT_SEED,
+    Geometry,
+    PrimeField,
+    Residues,
+    random_generator,
+)
 from echelon.exact.polynomial import Number
 from echelon.program.arithmetics import stated_ball, twice_arc_text
 from echelon.regressor.linear_forms import Rows
@@ -60,7 +71,9 @@ class RealStates:
     def __init__(self, rows: Rows, units: Sequence[float] | None = None) -> None:
         """``units`` make columns comparable, the auxiliary ones included; see :func:`eliminated`."""
         self.rows, self.units, self.states = rows, units, states_in(rows.forms)
-        self._numbers_known: dict[int, list[Number]] = {}  # of models without symbols, by the number of sources
+        self._numbers_known: dict[
+            int, list[Number]
+        ] = {}  # of models without symbols, by the number of sources
 
     @cached_property
     def symbols(self) -> list[str]:
@@ -101,7 +114,9 @@ class RealStates:
             If entries have no values at most states.
         """
         wanted = min(self.rows.forms.shape[1], _FIRST_ROWS)
-        for bits, most in dict.fromkeys(((_BITS[0], self.states.motions), *((bits, 1) for bits in _BITS))):
+        for bits, most in dict.fromkeys(
+            ((_BITS[0], self.states.motions), *((bits, 1) for bits in _BITS))
+        ):
             bits += self.states.span
             with flint.ctx.workprec(bits):
                 try:
@@ -112,7 +127,9 @@ class RealStates:
                     raise SingularPoseError(str(error)) from None
             if found is not None:
                 return found
-        raise SingularPoseError(f"{_BITS[-1]} bits do not tell what {self.states.subject} leave independent")
+        raise SingularPoseError(
+            f"{_BITS[-1]} bits do not tell what {self.states.subject} leave independent"
+        )
 
     def sizes(self, like: RealStates, rows: int, bits: int) -> list[float]:
         """How much each independent column shows beside those before, descending, in some rows.
@@ -123,10 +140,14 @@ class RealStates:
         known = self.loops.next_to(like.loops.known_poses(0, poses))
         with flint.ctx.workprec(bits):
             rng = random_generator(DEFAULT_SEED)
-            table = ball_rows(self.rows.forms, {}, poses * motions, rng, motions, poses=known)
+            table = ball_rows(
+                self.rows.forms, {}, poses * motions, rng, motions, poses=known
+            )
             return sizes_shown(table, bits, self.rows.auxiliary, self.units)
 
-    def _independent(self, at: Mapping[str, str], bits: int, most: int, wanted: int) -> tuple[Independent | None, int]:
+    def _independent(
+        self, at: Mapping[str, str], bits: int, most: int, wanted: int
+    ) -> tuple[Independent | None, int]:
         """Independent columns, if the precision tells, and how many rows beyond the surplus it took.
 
         No more than ``most`` motions go through each pose.
@@ -152,7 +173,12 @@ class RealStates:
                 others, used = self._table(at, used, _OTHERS, most, rng)
 
     def _table(
-        self, at: Mapping[str, str], used: int, rows: int, most: int, rng: np.random.Generator
+        self,
+        at: Mapping[str, str],
+        used: int,
+        rows: int,
+        most: int,
+        rng: np.random.Generator,
     ) -> tuple[Balls, int]:
         """Rows at known poses behind those that were used, and how many of them are used then."""
         poses, motions = self._shared(rows, most)
@@ -169,13 +195,23 @@ class RealStates:
     def elsewhere(self, rng: np.random.Generator) -> dict[str, str]:
         """Random values of all symbols near the stated ones, which satisfy no relation but those that all values do."""
         field = PrimeField.random(rng)
-        return self._lifted({name: int(field.draw(rng, (1,))[0]) for name in self.symbols}, int(field.p), rng)
+        return self._lifted(
+            {name: int(field.draw(rng, (1,))[0]) for name in self.symbols},
+            int(field.p),
+            rng,
+        )
 
     def cost(self, sources: int) -> float:
         """Operations modulo primes that take as long as closing the loops and solving for coefficients."""
         return _COST * self.states.size * (self.rows.auxiliary + sources)
 
-    def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator, sources: int) -> Residues:
+    def coefficients(
+        self,
+        field: PrimeField,
+        geometry: Geometry,
+        rng: np.random.Generator,
+        sources: int,
+    ) -> Residues:
         """Coefficients of all columns behind the auxiliary ones and some sources; see :class:`PrimeStates`.
 
         DegenerateSampleError if there are no such states, ClosedFormError if a coefficient is no short exact number.
@@ -183,7 +219,10 @@ class RealStates:
         if not self.symbols:
             if sources not in self._numbers_known:
                 self._numbers_known[sources] = self._numbers([{}], sources)[0]
-            return np.array([[field.embed(number)] for number in self._numbers_known[sources]], dtype=np.int64)
+            return np.array(
+                [[field.embed(number)] for number in self._numbers_known[sources]],
+                dtype=np.int64,
+            )
         count = max((len(geometry[name]) for name in self.symbols), default=1)
         found = list[list[int]]()
         for first in range(0, count, _AT_ONCE):
@@ -191,18 +230,27 @@ class RealStates:
             for k in range(first, min(first + _AT_ONCE, count)):
                 residues = {name: int(geometry[name][k]) for name in self.symbols}
                 at.append(self._lifted(residues, int(field.p), rng))
-            found += [[field.embed(number) for number in numbers] for numbers in self._numbers(at, sources)]
+            found += [
+                [field.embed(number) for number in numbers]
+                for numbers in self._numbers(at, sources)
+            ]
         return np.array(found, dtype=np.int64).reshape(count, -1).T
 
-    def _numbers(self, at: Sequence[Mapping[str, str]], sources: int) -> list[list[Number]]:
+    def _numbers(
+        self, at: Sequence[Mapping[str, str]], sources: int
+    ) -> list[list[Number]]:
         """Exact coefficients at each of some values of the symbols, target by target for each source."""
-        poses, motions = self._shared(self.rows.auxiliary + sources + _CHECKED, self.states.motions)
+        poses, motions = self._shared(
+            self.rows.auxiliary + sources + _CHECKED, self.states.motions
+        )
         found = list[list[Number]]()
         for bits in _BITS:
             with flint.ctx.workprec(bits + self.states.span):
                 left = at[len(found) :]
                 try:
-                    tables = self.states.known(left, 0, poses, random_generator(DEFAULT_SEED), motions)
+                    tables = self.states.known(
+                        left, 0, poses, random_generator(DEFAULT_SEED), motions
+                    )
                 except InputError as error:
                     raise DegenerateSampleError(str(error)) from None
                 for table in tables:
@@ -212,28 +260,41 @@ class RealStates:
                     found.append(numbers)
             if len(found) == len(at):
                 return found
-            poses *= 4 if self.states.regions > 1 else 1  # some sources may show in few regions of signs
+            poses *= (
+                4 if self.states.regions > 1 else 1
+            )  # some sources may show in few regions of signs
         raise ClosedFormError("coefficients are no short exact numbers")
 
     def _solved(self, table: Balls, sources: int, bits: int) -> list[Number] | None:
         """Exact coefficients by a table; None if the precision does not tell."""
         auxiliary = self.rows.auxiliary
-        pivots, others = range(auxiliary + sources), range(auxiliary + sources, table.shape[1])
+        pivots, others = (
+            range(auxiliary + sources),
+            range(auxiliary + sources, table.shape[1]),
+        )
         solved = combinations_of(table, pivots, others, _CHECKED)
         if solved is None:
             return None
         solution, left = solved
         if any(vanishes(x, bits) is False for x in left.flat):
-            raise DegenerateSampleError("the columns are independent at these values of the symbols")
+            raise DegenerateSampleError(
+                "the columns are independent at these values of the symbols"
+            )
         numbers = [self._number(x, bits) for x in solution[auxiliary:].flat]
-        return None if None in numbers else [number for number in numbers if number is not None]
+        return (
+            None
+            if None in numbers
+            else [number for number in numbers if number is not None]
+        )
 
     def _number(self, x: Any, bits: int) -> Number | None:
         return 0 if vanishes(x, bits) else exact_number(x, self.states.irrational)
 
     # -- values of symbols -------------------------------------------------------------------------------------------
 
-    def _lifted(self, residues: Mapping[str, int], prime: int, rng: np.random.Generator) -> dict[str, str]:
+    def _lifted(
+        self, residues: Mapping[str, int], prime: int, rng: np.random.Generator
+    ) -> dict[str, str]:
         """Fractions with some residues next to the stated values, all with one denominator, as text."""
         near = {name: self._near(name, rng) for name in residues}
         smallest = min((abs(value) for value in near.values()), default=1.0)
@@ -244,7 +305,9 @@ class RealStates:
             wanted = residue * denominator % prime
             steps = round((near[name] * denominator - wanted) / prime)
             fraction = Fraction(wanted + steps * prime, denominator)
-            values[name] = twice_arc_text(fraction) if name in self.angles else str(fraction)
+            values[name] = (
+                twice_arc_text(fraction) if name in self.angles else str(fraction)
+            )
         return values
 
     def _near(self, name: str, rng: np.random.Generator) -> float:

@@ -32,7 +32,10 @@ _WORSE = 30.0
 
 
 def check_to_rounding(
-    regressor: LinearForms, matrix: BaseMatrix, mechanism: Mechanism, rng: np.random.Generator
+    regressor: LinearForms,
+    matrix: BaseMatrix,
+    mechanism: Mechanism,
+    rng: np.random.Generator,
 ) -> BallEvidence:
     """Show that representatives are independent, and that the set reproduces the others to the file's last decimals.
 
@@ -48,13 +51,17 @@ def check_to_rounding(
         except InputError as error:
             raise CertificateError(str(error)) from None
         if combinations_of(table, matrix.pivots, ()) is None:
-            raise CertificateError(f"the set is too large: its {matrix.rank} representatives are not independent")
+            raise CertificateError(
+                f"the set is too large: its {matrix.rank} representatives are not independent"
+            )
     rows = doubles(table)
     sizes = _sizes(rows, mechanism)
     claimed = matrix.floats({})
     pivots = list(matrix.pivots)
     best = np.linalg.lstsq(rows[:, pivots], rows, rcond=None)[0]
-    left, least = (np.abs(rows - rows[:, pivots] @ b).max(axis=0) / sizes for b in (claimed, best))
+    left, least = (
+        np.abs(rows - rows[:, pivots] @ b).max(axis=0) / sizes for b in (claimed, best)
+    )
     explained = EXPLAINED * mechanism.rounding
     allowed = min(_MOST, max(explained, _WORSE * float(least.max())))
     wrong = np.flatnonzero(left > allowed)
@@ -72,5 +79,9 @@ def _sizes(rows: Floats, mechanism: Mechanism) -> Floats:
     units = np.array(units_of(mechanism, range(rows.shape[1]), 0))
     sizes = np.abs(rows).max(axis=0, initial=0.0)
     inertial = np.isfinite(units)
-    least = SMALLEST_SHARE * float((sizes / units)[inertial].max(initial=0.0)) * np.where(inertial, units, 0.0)
+    least = (
+        SMALLEST_SHARE
+        * float((sizes / units)[inertial].max(initial=0.0))
+        * np.where(inertial, units, 0.0)
+    )
     return np.asarray(np.maximum(np.maximum(sizes, least), np.finfo(float).tiny))

@@ -27,13 +27,26 @@ from echelon.base.model import BaseModel
 from echelon.base.real_states import RealStates
 from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank, reduced_echelon
+from echelon.exact.field import (
+    DEFAULT_SEED,
+    PrimeField,
+    Residues,
+    random_generator,
+    rank,
+    reduced_echelon,
+)
 from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.sources import Readable, loaded, mechanism_of
 from echelon.models import LinearModel
 from echelon.program.arithmetics import ball
-from echelon.regressor.linear_forms import LinearForms, Rows, energy_form, power_form, virtual_power_form
+from echelon.regressor.linear_forms import (
+    LinearForms,
+    Rows,
+    energy_form,
+    power_form,
+    virtual_power_form,
+)
 
 
 @public
@@ -57,7 +70,9 @@ class RecordedRows:
     parameters: tuple[str, ...]
 
     def __repr__(self) -> str:
-        return f"RecordedRows({self.name}: {self.forms.shape[0]} × {len(self.parameters)})"
+        return (
+            f"RecordedRows({self.name}: {self.forms.shape[0]} × {len(self.parameters)})"
+        )
 
 
 @public
@@ -81,8 +96,12 @@ def energy_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     mechanism = mechanism_of(mechanism)
     if mechanism.effects:
         names = ", ".join(effect.parameter for effect in mechanism.effects[:4])
-        raise InputError(f"effects such as {names} have no energy: leave them out of the description")
-    return RecordedRows(f"energy of {mechanism.name}", energy_form(mechanism), 1, mechanism.parameters)
+        raise InputError(
+            f"effects such as {names} have no energy: leave them out of the description"
+        )
+    return RecordedRows(
+        f"energy of {mechanism.name}", energy_form(mechanism), 1, mechanism.parameters
+    )
 
 
 @public
@@ -99,7 +118,9 @@ def power_regressor(mechanism: Mechanism | Readable) -> RecordedRows:
     RecordedRows
     """
     mechanism = mechanism_of(mechanism)
-    return RecordedRows(f"power of {mechanism.name}", power_form(mechanism), 0, mechanism.parameters)
+    return RecordedRows(
+        f"power of {mechanism.name}", power_form(mechanism), 0, mechanism.parameters
+    )
 
 
 Model = Mechanism | BaseModel | LinearModel | LinearBase | RecordedRows | LinearForms
@@ -145,12 +166,16 @@ class RowSpaces:
             return f"RowSpaces(same, of dimension {self.union})"
         parts = [f"dimensions {self.first} and {self.second}, together {self.union}"]
         parts += [f"only the first sees {self.only_first}"] if self.only_first else []
-        parts += [f"only the second sees {self.only_second}"] if self.only_second else []
+        parts += (
+            [f"only the second sees {self.only_second}"] if self.only_second else []
+        )
         return f"RowSpaces(different: {'; '.join(parts)})"
 
 
 @public
-def same_row_space(a: Model | Readable, b: Model | Readable, *, seed: int = DEFAULT_SEED) -> RowSpaces:
+def same_row_space(
+    a: Model | Readable, b: Model | Readable, *, seed: int = DEFAULT_SEED
+) -> RowSpaces:
     """Whether two models see the same combinations of parameters.
 
     Parameters
@@ -187,7 +212,10 @@ def same_row_space(a: Model | Readable, b: Model | Readable, *, seed: int = DEFA
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
-            geometry = {s: field.draw(rng, (1,)) for s in sorted({*first.symbols, *second.symbols})}
+            geometry = {
+                s: field.draw(rng, (1,))
+                for s in sorted({*first.symbols, *second.symbols})
+            }
             upper = first.rows(field, rng, geometry)
             lower = second.rows(field, rng, geometry)[:, places]
         except DegenerateSampleError:
@@ -196,11 +224,19 @@ def same_row_space(a: Model | Readable, b: Model | Readable, *, seed: int = DEFA
         most = tuple(max(s.ranks[k] for s in seen) for k in range(3))
         agreeing = [s for s in seen if s.ranks == most]
         if len(agreeing) >= _AGREEING:
-            names = first.names or second.names or tuple(f"p{k + 1}" for k in range(first.columns))
-            upper_only, lower_only = (_witness(agreeing, (first, second), side, names) for side in (0, 1))
+            names = (
+                first.names
+                or second.names
+                or tuple(f"p{k + 1}" for k in range(first.columns))
+            )
+            upper_only, lower_only = (
+                _witness(agreeing, (first, second), side, names) for side in (0, 1)
+            )
             primes = tuple(s.field.p for s in agreeing)
             return RowSpaces(*agreeing[0].ranks, upper_only, lower_only, primes)
-    raise EchelonError("results at random points keep contradicting each other; please report these models")
+    raise EchelonError(
+        "results at random points keep contradicting each other; please report these models"
+    )
 
 
 class _Comparison:
@@ -208,7 +244,11 @@ class _Comparison:
 
     def __init__(self, field: PrimeField, upper: Residues, lower: Residues) -> None:
         self.field, self.sides = field, (upper, lower)
-        self.ranks = (rank(upper, field), rank(lower, field), rank(np.concatenate([upper, lower]), field))
+        self.ranks = (
+            rank(upper, field),
+            rank(lower, field),
+            rank(np.concatenate([upper, lower]), field),
+        )
 
     def unseen(self, side: int) -> dict[int, int] | None:
         """A row of one side's echelon form that is not in the other's row space."""
@@ -217,8 +257,13 @@ class _Comparison:
         reduced, pivots = reduced_echelon(self.sides[side], self.field)
         columns = self.sides[side].shape[1]
         for k in range(len(pivots)):
-            row = np.array([[int(reduced[k, c]) for c in range(columns)]], dtype=np.int64)
-            if rank(np.concatenate([self.sides[1 - side], row]), self.field) > self.ranks[1 - side]:
+            row = np.array(
+                [[int(reduced[k, c]) for c in range(columns)]], dtype=np.int64
+            )
+            if (
+                rank(np.concatenate([self.sides[1 - side], row]), self.field)
+                > self.ranks[1 - side]
+            ):
                 return {c: int(row[0, c]) for c in range(columns) if row[0, c]}
         return None
 
@@ -233,19 +278,32 @@ class _Side:
         matrix: BaseMatrix | None = None
         if isinstance(model, BaseModel | LinearBase):
             self.names, matrix = model.parameters, model.matrix
-            self.rows: Callable[..., Residues] = lambda field, _, at: model.matrix.dense_modulo(at, field)
+            self.rows: Callable[..., Residues] = lambda field, _, at: (
+                model.matrix.dense_modulo(at, field)
+            )
         elif isinstance(model, Mechanism):
-            self.names, forms, auxiliary = model.parameters, virtual_power_form(model), 0
+            self.names, forms, auxiliary = (
+                model.parameters,
+                virtual_power_form(model),
+                0,
+            )
         elif isinstance(model, LinearModel):
             self.names, forms, auxiliary = model.parameters, model.regressor, 0
         elif isinstance(model, RecordedRows):
-            self.names, forms, auxiliary = model.parameters, model.forms, model.auxiliary
+            self.names, forms, auxiliary = (
+                model.parameters,
+                model.forms,
+                model.auxiliary,
+            )
         elif isinstance(model, LinearForms):
             forms, auxiliary = model, 0
         else:
             kinds = "a mechanism, BaseModel, LinearModel, LinearBase, RecordedRows, LinearForms or the path of a model"
             raise InputError(f"{kinds} is needed, not {type(model).__name__}")
-        self.matrix, self.real = matrix, False  # whether rows are to be compared in ball arithmetic
+        self.matrix, self.real = (
+            matrix,
+            False,
+        )  # whether rows are to be compared in ball arithmetic
         self.states: RealStates | None = None
         if matrix is not None:
             self.symbols, self.columns = list(matrix.symbols), len(self.names)
@@ -274,31 +332,58 @@ class _Side:
 
     def closed_form(self, pivot: str) -> str | None:
         """The base parameter of this representative, where there are closed forms."""
-        model = base_parameters(self.model) if isinstance(self.model, Mechanism | LinearModel) else self.model
+        model = (
+            base_parameters(self.model)
+            if isinstance(self.model, Mechanism | LinearModel)
+            else self.model
+        )
         if not isinstance(model, BaseModel | LinearBase) or pivot not in model.pivots:
             return None
         return str(model.expressions[model.pivots.index(pivot)])
 
 
-def _compared_in_balls(first: _Side, second: _Side, places: Sequence[int], rng: np.random.Generator) -> RowSpaces:
+def _compared_in_balls(
+    first: _Side, second: _Side, places: Sequence[int], rng: np.random.Generator
+) -> RowSpaces:
     """Row spaces of models with loops or functions in ball arithmetic, at random values of symbols near stated ones."""
     sides = (first, second)
     models = [side.states for side in sides if side.states is not None]
-    numbers = [side.matrix.numbers for side in sides if side.matrix is not None and side.matrix.numbers is not None]
-    at = {name: text for states in models for name, text in states.states.values.items()}
+    numbers = [
+        side.matrix.numbers
+        for side in sides
+        if side.matrix is not None and side.matrix.numbers is not None
+    ]
+    at = {
+        name: text for states in models for name, text in states.states.values.items()
+    }
     if not numbers:
-        at |= {name: text for states in models for name, text in states.elsewhere(rng).items()}
+        at |= {
+            name: text
+            for states in models
+            for name, text in states.elsewhere(rng).items()
+        }
     bits = _BITS_OF_DECIMALS if any(found.radius for found in numbers) else _BITS
     with flint.ctx.workprec(_BITS):
         upper, lower = (side.in_balls(at) for side in sides)
         lower = lower[:, list(places)]
-        both = [eliminated(table, bits) for table in (upper, lower, np.vstack([upper, lower]))]
+        both = [
+            eliminated(table, bits)
+            for table in (upper, lower, np.vstack([upper, lower]))
+        ]
         ranks = [len(found.pivots) for found in both if found is not None]
         if len(ranks) < len(both):
-            raise EchelonError(f"{bits} bits do not tell whether the models see the same")
-        names = first.names or second.names or tuple(f"p{k + 1}" for k in range(first.columns))
+            raise EchelonError(
+                f"{bits} bits do not tell whether the models see the same"
+            )
+        names = (
+            first.names
+            or second.names
+            or tuple(f"p{k + 1}" for k in range(first.columns))
+        )
         only = [
-            _unseen_in_balls(own, other, side, names, bits) if ranks[2] > rank_of_other else ""
+            _unseen_in_balls(own, other, side, names, bits)
+            if ranks[2] > rank_of_other
+            else ""
             for own, other, side, rank_of_other in (
                 (upper, lower, first, ranks[1]),
                 (lower, upper, second, ranks[0]),
@@ -307,7 +392,9 @@ def _compared_in_balls(first: _Side, second: _Side, places: Sequence[int], rng: 
     return RowSpaces(ranks[0], ranks[1], ranks[2], only[0], only[1], ())
 
 
-def _unseen_in_balls(own: Balls, other: Balls, side: _Side, names: Sequence[str], bits: int) -> str:
+def _unseen_in_balls(
+    own: Balls, other: Balls, side: _Side, names: Sequence[str], bits: int
+) -> str:
     """The first row of one side's echelon form that the other side does not see, as text."""
     found, known = eliminated(own, bits), eliminated(other, bits)
     assert found is not None
@@ -316,8 +403,13 @@ def _unseen_in_balls(own: Balls, other: Balls, side: _Side, names: Sequence[str]
     for pivot, row in zip(ordered.pivots, ordered.basis, strict=True):
         together = eliminated(np.vstack([other, row[None]]), bits)
         if together is None or len(together.pivots) > len(known.pivots):
-            present = [names[c] for c, x in enumerate(row) if vanishes(x, bits) is False]
-            return side.closed_form(names[pivot]) or f"a combination of {', '.join(present)}"
+            present = [
+                names[c] for c, x in enumerate(row) if vanishes(x, bits) is False
+            ]
+            return (
+                side.closed_form(names[pivot])
+                or f"a combination of {', '.join(present)}"
+            )
     return ""
 
 
@@ -329,16 +421,25 @@ _FIRST_STATES, _SURPLUS_STATES = 32, 8
 
 
 def row_space(
-    forms: LinearForms, field: PrimeField, rng: np.random.Generator, at: Mapping[str, Residues], auxiliary: int = 0
+    forms: LinearForms,
+    field: PrimeField,
+    rng: np.random.Generator,
+    at: Mapping[str, Residues],
+    auxiliary: int = 0,
 ) -> Residues:
     """A basis of the row space at one geometry; of rows that are free of auxiliary columns, without these.
 
     Most forms show much less than they have columns, so states are few at first.
     """
     sampler, columns = forms.sampler(), forms.shape[1]
-    states, seen = max(min(_FIRST_STATES, columns + _SURPLUS_STATES), sampler.regions), -1
+    states, seen = (
+        max(min(_FIRST_STATES, columns + _SURPLUS_STATES), sampler.regions),
+        -1,
+    )
     while True:
-        reduced, pivots = reduced_echelon(forms.stacked(sampler.evaluate(field, rng, states, at))[0], field)
+        reduced, pivots = reduced_echelon(
+            forms.stacked(sampler.evaluate(field, rng, states, at))[0], field
+        )
         enough = states >= min(len(pivots), columns) + _SURPLUS_STATES
         if enough and (sampler.regions == 1 or len(pivots) == seen):
             break
@@ -349,20 +450,28 @@ def row_space(
     return np.array(rows, dtype=np.int64).reshape(len(kept), columns - auxiliary)
 
 
-def _places(first: Sequence[str], second: Sequence[str], columns: int, others: int) -> list[int]:
+def _places(
+    first: Sequence[str], second: Sequence[str], columns: int, others: int
+) -> list[int]:
     """For every column of the first model, that of the second one."""
     if not first or not second:
         if columns != others:
             raise InputError(f"the models have {columns} and {others} columns")
         return list(range(columns))
-    stranger = next((n for n in (*first, *second) if (n in first) != (n in second)), None)
+    stranger = next(
+        (n for n in (*first, *second) if (n in first) != (n in second)), None
+    )
     if stranger is not None:
         which = "second" if stranger in first else "first"
-        raise InputError(f"the {which} model has no parameter '{stranger}'; both need the same parameters")
+        raise InputError(
+            f"the {which} model has no parameter '{stranger}'; both need the same parameters"
+        )
     return [second.index(name) for name in first]
 
 
-def _witness(seen: Sequence[_Comparison], sides: Sequence[_Side], side: int, names: Sequence[str]) -> str:
+def _witness(
+    seen: Sequence[_Comparison], sides: Sequence[_Side], side: int, names: Sequence[str]
+) -> str:
     """A combination that only one side sees, as text; in numbers where all coefficients are numbers."""
     rows = [comparison.unseen(side) for comparison in seen]
     row = rows[0]
@@ -375,7 +484,9 @@ def _witness(seen: Sequence[_Comparison], sides: Sequence[_Side], side: int, nam
     terms: list[str] = []
     for column in row:
         residues = [other.get(column, 0) for other in rows if other is not None]
-        value: Any = rational(*combine(residues, [comparison.field.p for comparison in seen]))
+        value: Any = rational(
+            *combine(residues, [comparison.field.p for comparison in seen])
+        )
         if value is None:
             return f"a combination of {', '.join(names[c] for c in row)}"
         terms.append(names[column] if value == 1 else f"({value})·{names[column]}")

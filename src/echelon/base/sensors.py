@@ -18,8 +18,20 @@ from echelon.base.derive import silent
 from echelon.base.row_space import row_space
 from echelon.base.stated_values import at_stated_values, stated_structure
 from echelon.doors import Count, NotNegative, public
-from echelon.errors import ClosedFormError, DegenerateSampleError, DoubtWarning, EchelonError, InputError
-from echelon.exact.field import DEFAULT_SEED, PrimeField, Residues, random_generator, rank
+from echelon.errors import (
+    ClosedFormError,
+    DegenerateSampleError,
+    DoubtWarning,
+    EchelonError,
+    InputError,
+)
+from echelon.exact.field import (
+    DEFAULT_SEED,
+    PrimeField,
+    Residues,
+    random_generator,
+    rank,
+)
 from echelon.exact.unknown_functions import SOLVING, Work, persistent
 from echelon.mechanism.joint import GROUND, Placement
 from echelon.mechanism.mechanism import Cut, Mechanism, Output, wrench_output
@@ -124,18 +136,33 @@ def sensor_report(
     ranks = _listed(names, spaces, size, progress)
     progress("looking for the smallest sufficient set")
     smallest, proven = _smallest(names, spaces, total, [name for name, _ in greedy])
-    return SensorReport(names, len(mechanism.parameters), total, ranks, tuple(greedy), smallest, proven, seed)
+    return SensorReport(
+        names,
+        len(mechanism.parameters),
+        total,
+        ranks,
+        tuple(greedy),
+        smallest,
+        proven,
+        seed,
+    )
 
 
 def _candidates(mechanism: Mechanism) -> dict[str, tuple[Output, ...]]:
     """Outputs by sensor."""
     outputs = list(mechanism.outputs)
     if mechanism.measured is None:
-        outputs += [wrench_output("base", f"{letter}{axis}", GROUND, Placement()) for axis in "xyz" for letter in "ft"]
+        outputs += [
+            wrench_output("base", f"{letter}{axis}", GROUND, Placement())
+            for axis in "xyz"
+            for letter in "ft"
+        ]
     groups: dict[str, list[Output]] = {}
     for output in outputs:
         is_wrench = all(isinstance(channel, Cut) for channel, _ in output.terms)
-        groups.setdefault(output.name.rpartition(".")[0] if is_wrench else output.name, []).append(output)
+        groups.setdefault(
+            output.name.rpartition(".")[0] if is_wrench else output.name, []
+        ).append(output)
     return {name: tuple(group) for name, group in groups.items()}
 
 
@@ -159,7 +186,8 @@ class _Spaces:
             if self.work is not None:
                 self.work.spend(self.cost(key))
             self._known[key] = max(
-                counted(np.vstack([spaces[name] for name in names])) if names else 0 for counted, spaces in self._bases
+                counted(np.vstack([spaces[name] for name in names])) if names else 0
+                for counted, spaces in self._bases
             )
         return self._known[key]
 
@@ -171,21 +199,34 @@ class _Spaces:
 
 
 def _spaces(
-    mechanism: Mechanism, groups: Mapping[str, tuple[Output, ...]], rng: np.random.Generator, progress: Progress
+    mechanism: Mechanism,
+    groups: Mapping[str, tuple[Output, ...]],
+    rng: np.random.Generator,
+    progress: Progress,
 ) -> _Spaces:
     progress("structure")
-    numbers = {name: f"sensor {number} of {len(groups)}" for number, name in enumerate(groups, 1)}
-    forms = {name: virtual_power_form(replace(mechanism, measured=group)) for name, group in groups.items()}
+    numbers = {
+        name: f"sensor {number} of {len(groups)}"
+        for number, name in enumerate(groups, 1)
+    }
+    forms = {
+        name: virtual_power_form(replace(mechanism, measured=group))
+        for name, group in groups.items()
+    }
     if not all(form.rational for form in forms.values()):
         _warn_of_rounding(mechanism, rng)
         said = "what {} sees ({}, in ball arithmetic)"
-        found = spaces_of(forms, lambda name: progress(said.format(name, numbers[name])))
+        found = spaces_of(
+            forms, lambda name: progress(said.format(name, numbers[name]))
+        )
         return _Spaces([(found.rank, found.bases)], _BALL)
     bases = list[_Base]()
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
-            bases.append((partial(rank, field=field), _row_spaces(forms, field, rng, progress)))
+            bases.append(
+                (partial(rank, field=field), _row_spaces(forms, field, rng, progress))
+            )
         except (DegenerateSampleError, ClosedFormError):
             continue
         if len(bases) == _FIELDS:
@@ -198,11 +239,18 @@ def _warn_of_rounding(mechanism: Mechanism, rng: np.random.Generator) -> None:
     spectrum = stated_structure(mechanism, rng).spectrum
     told = "" if spectrum is None else spectrum.doubt or spectrum.note
     if told:
-        warnings.warn(f"ranks of sensors are to the letter of the file, which has {told}", DoubtWarning, stacklevel=4)
+        warnings.warn(
+            f"ranks of sensors are to the letter of the file, which has {told}",
+            DoubtWarning,
+            stacklevel=4,
+        )
 
 
 def _row_spaces(
-    forms: Mapping[str, LinearForms], field: PrimeField, rng: np.random.Generator, progress: Progress
+    forms: Mapping[str, LinearForms],
+    field: PrimeField,
+    rng: np.random.Generator,
+    progress: Progress,
 ) -> dict[str, Residues]:
     """A basis of every sensor's row space."""
     samplers = {name: f.sampler() for name, f in forms.items()}
@@ -210,13 +258,19 @@ def _row_spaces(
     geometry = {s: field.draw(rng, (1,)) for s in symbols}
     spaces: dict[str, Residues] = {}
     for number, (name, sampler) in enumerate(samplers.items(), 1):
-        progress(f"what {name} sees (sensor {number} of {len(samplers)}, modulo {field.p})")
+        progress(
+            f"what {name} sees (sensor {number} of {len(samplers)}, modulo {field.p})"
+        )
         own = {s: geometry[s] for s in sampler.symbols}
-        spaces[name] = persistent(partial(row_space, forms[name], field, rng, own))  # loops close with some luck
+        spaces[name] = persistent(
+            partial(row_space, forms[name], field, rng, own)
+        )  # loops close with some luck
     return spaces
 
 
-def _listed(names: Sequence[str], spaces: _Spaces, size: int, progress: Progress) -> dict[tuple[str, ...], int]:
+def _listed(
+    names: Sequence[str], spaces: _Spaces, size: int, progress: Progress
+) -> dict[tuple[str, ...], int]:
     """Ranks of all subsets up to a size."""
     sizes = range(1, min(size, len(names)) + 1)
     count = sum(comb(len(names), k) for k in sizes)
@@ -227,7 +281,9 @@ def _listed(names: Sequence[str], spaces: _Spaces, size: int, progress: Progress
             ranks |= {subset: spaces.rank(subset) for subset in combinations(names, k)}
     except ClosedFormError:
         problem = f"{len(names)} sensors have {count} subsets of up to {size}, which take more work than the budget"
-        raise InputError(f"{problem}: list smaller ones, or give a larger budget") from None
+        raise InputError(
+            f"{problem}: list smaller ones, or give a larger budget"
+        ) from None
     return ranks
 
 
@@ -243,7 +299,9 @@ def _greedy(names: Sequence[str], spaces: _Spaces, total: int) -> list[tuple[str
     return chosen
 
 
-def _smallest(names: Sequence[str], spaces: _Spaces, total: int, greedy: Sequence[str]) -> tuple[tuple[str, ...], bool]:
+def _smallest(
+    names: Sequence[str], spaces: _Spaces, total: int, greedy: Sequence[str]
+) -> tuple[tuple[str, ...], bool]:
     """A smallest subset with the full rank, and whether the search was complete."""
     try:
         for size in range(len(greedy)):
@@ -255,7 +313,11 @@ def _smallest(names: Sequence[str], spaces: _Spaces, total: int, greedy: Sequenc
     return tuple(greedy), True
 
 
-def _promising(names: Sequence[str], spaces: _Spaces, total: int, size: int) -> Iterable[tuple[str, ...]]:
+def _promising(
+    names: Sequence[str], spaces: _Spaces, total: int, size: int
+) -> Iterable[tuple[str, ...]]:
     """Subsets whose members see enough, if they all saw different things."""
     alone = {name: spaces.rank([name]) for name in names}
-    return (s for s in combinations(names, size) if sum(alone[name] for name in s) >= total)
+    return (
+        s for s in combinations(names, size) if sum(alone[name] for name in s) >= total
+    )

@@ -17,7 +17,12 @@ from echelon.mechanism.stated import symbol_roles
 from echelon.mechanism.substitute import substituted
 
 _ZERO, _ONE = Polynomial({}), Polynomial.constant(1)
-_TURNS = (("0", _ONE, _ZERO), ("90°", _ZERO, _ONE), ("180°", -_ONE, _ZERO), ("-90°", _ZERO, -_ONE))
+_TURNS = (
+    ("0", _ONE, _ZERO),
+    ("90°", _ZERO, _ONE),
+    ("180°", -_ONE, _ZERO),
+    ("-90°", _ZERO, -_ONE),
+)
 _GRAVITY = "gravity"
 _MOST_PAIRS = 200
 _AXES = (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)))
@@ -70,18 +75,28 @@ class _Condition:
 
     def __and__(self, other: _Condition) -> _Condition:
         text, symbols = f"{self.text}, {other.text}", self.symbols | other.symbols
-        return _Condition(text, symbols, {**self.put_in, **other.put_in}, self.gravity or other.gravity)
+        return _Condition(
+            text,
+            symbols,
+            {**self.put_in, **other.put_in},
+            self.gravity or other.gravity,
+        )
 
     def of(self, mechanism: Mechanism) -> Mechanism:
         """The mechanism under this condition."""
         special = substituted(mechanism, self.put_in)
         if _GRAVITY not in self.symbols:
             return special
-        return replace(special, gravity=self.gravity if self.gravity and any(self.gravity) else None)
+        return replace(
+            special,
+            gravity=self.gravity if self.gravity and any(self.gravity) else None,
+        )
 
 
 @public
-def special_geometry(mechanism: Mechanism | Readable, *, seed: int = DEFAULT_SEED) -> SpecialGeometry:
+def special_geometry(
+    mechanism: Mechanism | Readable, *, seed: int = DEFAULT_SEED
+) -> SpecialGeometry:
     """Try special values of the symbols and special directions of gravity, one at a time and two together.
 
     Each length or other constant is set to zero, each pair of them equal and opposite, each angle to a multiple of
@@ -113,30 +128,53 @@ def special_geometry(mechanism: Mechanism | Readable, *, seed: int = DEFAULT_SEE
     rng = random_generator(seed)
     rank = find_structure(mechanism, rng).rank
     single = list(_conditions(mechanism))
-    alone = {condition: find_structure(condition.of(mechanism), rng).rank for condition in single}
-    cases = [SpecialCase(condition.text, found) for condition, found in alone.items() if found != rank]
+    alone = {
+        condition: find_structure(condition.of(mechanism), rng).rank
+        for condition in single
+    }
+    cases = [
+        SpecialCase(condition.text, found)
+        for condition, found in alone.items()
+        if found != rank
+    ]
     pairs = [(a, b) for a, b in combinations(single, 2) if not a.symbols & b.symbols]
     for a, b in pairs[:_MOST_PAIRS]:
         found = find_structure((a & b).of(mechanism), rng).rank
         if found < min(alone[a], alone[b]):
             cases.append(SpecialCase((a & b).text, found))
     tried = len(single) + min(len(pairs), _MOST_PAIRS)
-    return SpecialGeometry(rank, tried, tuple(cases), seed, max(0, len(pairs) - _MOST_PAIRS))
+    return SpecialGeometry(
+        rank, tried, tuple(cases), seed, max(0, len(pairs) - _MOST_PAIRS)
+    )
 
 
 def _conditions(mechanism: Mechanism) -> Iterator[_Condition]:
     roles = symbol_roles(mechanism)
-    plain, angles = sorted(roles.symbols - roles.angles), sorted(roles.symbols & roles.angles)
+    plain, angles = (
+        sorted(roles.symbols - roles.angles),
+        sorted(roles.symbols & roles.angles),
+    )
     for name in plain:
         yield _Condition(f"{name} = 0", frozenset({name}), {name: _ZERO})
     for first, second in combinations(plain, 2):
         for sign, text in ((1, ""), (-1, "-")):
             value = Polynomial.generator(second) * sign
-            yield _Condition(f"{first} = {text}{second}", frozenset({first, second}), {first: value})
+            yield _Condition(
+                f"{first} = {text}{second}", frozenset({first, second}), {first: value}
+            )
     for name in angles:
         for degrees, c, s in _TURNS:
-            yield _Condition(f"{name} = {degrees}", frozenset({name}), {cosine(name): c, sine(name): s})
-    own = frozenset({_GRAVITY, *(symbol for part in mechanism.gravity or () for symbol in part.symbols())})
+            yield _Condition(
+                f"{name} = {degrees}",
+                frozenset({name}),
+                {cosine(name): c, sine(name): s},
+            )
+    own = frozenset(
+        {
+            _GRAVITY,
+            *(symbol for part in mechanism.gravity or () for symbol in part.symbols()),
+        }
+    )
     for axis, direction in _AXES:
         x, y, z = (Polynomial.constant(component) for component in direction)
         yield _Condition(f"gravity along {axis}", own, {}, (x, y, z))

@@ -107,18 +107,28 @@ class Spectrum:
         return f"{self.shown[index]:.0e}" if index < len(self.shown) else "nothing"
 
 
-def units_of(mechanism: Mechanism, columns: Sequence[int], auxiliary: int) -> list[float] | None:
+def units_of(
+    mechanism: Mechanism, columns: Sequence[int], auxiliary: int
+) -> list[float] | None:
     """Units in which columns of inertial parameters are comparable; None where numbers are exact.
 
     Infinite for auxiliary columns and parameters of effects, which have units of their own.
     """
     if not mechanism.rounding:
         return None
-    length, kinds = characteristic_length(mechanism), [mechanism.columns[column] for column in columns]
-    return [*[inf] * auxiliary, *(inf if k.kind is None else length**-k.length_degree for k in kinds)]
+    length, kinds = (
+        characteristic_length(mechanism),
+        [mechanism.columns[column] for column in columns],
+    )
+    return [
+        *[inf] * auxiliary,
+        *(inf if k.kind is None else length**-k.length_degree for k in kinds),
+    ]
 
 
-def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Spectrum:
+def spectrum_of(
+    mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent
+) -> Spectrum:
     """Read the spectrum of some columns of a mechanism with loops."""
     shown = tuple(sorted(found.shown, reverse=True))
     count = len(shown)
@@ -132,20 +142,34 @@ def spectrum_of(mechanism: Mechanism, states: RealStates, columns: Sequence[int]
     coarse = mechanism.rounding > _COARSE
     if firm.all() or (coarse and not made.any()):
         return Spectrum(shown, count, inf, (count,))
-    falls = np.divide(shown, [*shown[1:], 0.0], out=np.full(count, inf), where=np.array([*shown[1:], 0.0]) > 0)
+    falls = np.divide(
+        shown,
+        [*shown[1:], 0.0],
+        out=np.full(count, inf),
+        where=np.array([*shown[1:], 0.0]) > 0,
+    )
     intended = int(firm.argmin())
     fall = float(falls[intended - 1]) if intended else inf
     # what is as small as the last decimals changes as a whole, made by rounding or not: a wider gap may follow.  Gaps
     # towards what is made by squares of the last decimals mean nothing
-    last = max(intended + 1, int((np.array(shown) > mechanism.rounding**_BETWEEN).sum()))
+    last = max(
+        intended + 1, int((np.array(shown) > mechanism.rounding**_BETWEEN).sum())
+    )
     widest = float(falls[intended:last].max())
     if not firm[intended:].any() and fall >= min(_WIDE, max(_CLEAR, widest)):
         return Spectrum(shown, intended, fall, (intended,))
     likely = count - int(made.sum())
-    return Spectrum(shown, likely, float(falls[likely - 1]) if likely else inf, tuple(range(intended, count + 1)))
+    return Spectrum(
+        shown,
+        likely,
+        float(falls[likely - 1]) if likely else inf,
+        tuple(range(intended, count + 1)),
+    )
 
 
-def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent) -> Floats:
+def _changes(
+    mechanism: Mechanism, states: RealStates, columns: Sequence[int], found: Independent
+) -> Floats:
     """Relative change of every singular value, for a change of the file's numbers by a whole last decimal."""
     rng, length = random_generator(DEFAULT_SEED), characteristic_length(mechanism)
     amount = Fraction(mechanism.rounding) * _PART
@@ -154,7 +178,9 @@ def _changes(mechanism: Mechanism, states: RealStates, columns: Sequence[int], f
     for _ in range(_DRAWS):
         other = nudged(mechanism, amount, length, rng)
         near = RealStates(rows_of(other).columns(columns), states.units)
-        largest = np.maximum(largest, np.abs(_logs(near, states, found) - before))  # not a number where one is lost
+        largest = np.maximum(
+            largest, np.abs(_logs(near, states, found) - before)
+        )  # not a number where one is lost
     return np.asarray(np.nan_to_num(largest, nan=inf) / float(_PART))
 
 

@@ -20,7 +20,13 @@ from echelon.base.ball_tables import Balls, ball_error, rounded
 from echelon.base.closed_form import Kernel, Relation
 from echelon.base.matrix import StatedNumbers
 from echelon.errors import ClosedFormError
-from echelon.exact.field import PrimeField, Residues, by_pivots, residues_at, substituted
+from echelon.exact.field import (
+    PrimeField,
+    Residues,
+    by_pivots,
+    residues_at,
+    substituted,
+)
 from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Number, Polynomial
 from echelon.exact.rational import RationalFunction
@@ -63,21 +69,35 @@ class StatedColumns:
         self._is_classical = order == tuple(range(len(order)))
         self.pivots, self._supports = self._structure()
 
-    def numbers(self, columns: Sequence[int]) -> tuple[dict[int, dict[int, RationalFunction]], StatedNumbers]:
+    def numbers(
+        self, columns: Sequence[int]
+    ) -> tuple[dict[int, dict[int, RationalFunction]], StatedNumbers]:
         """Some columns as combinations of pivots, and how exact they are."""
-        pairs = [(pivot, column) for column in columns for pivot in self._supports.get(column, ())]
+        pairs = [
+            (pivot, column)
+            for column in columns
+            for pivot in self._supports.get(column, ())
+        ]
         needed = self._needed(columns)
         names = {s for relation in needed for s in relation.symbols}
-        plain = names <= all_symbols(self.mechanism)  # and not functions of constants, such as exp(k)
+        plain = names <= all_symbols(
+            self.mechanism
+        )  # and not functions of constants, such as exp(k)
         used = self._stated(names if plain else all_symbols(self.mechanism))
         at = value_texts(self.mechanism, all_symbols(self.mechanism))
         meaning = StatedNumbers(tuple(sorted(columns)), at, 0.0)
         known = replace(meaning, at=used).exact(symbol_roles(self.mechanism).angles)
-        values = self._exact(pairs, needed, known) if self._may_be_exact and plain and known is not None else None
+        values = (
+            self._exact(pairs, needed, known)
+            if self._may_be_exact and plain and known is not None
+            else None
+        )
         if values is None:
             values, radius = self._from_balls(pairs, needed, at)
             meaning = replace(meaning, radius=radius)
-        found: dict[int, dict[int, RationalFunction]] = {column: {} for column in columns}
+        found: dict[int, dict[int, RationalFunction]] = {
+            column: {} for column in columns
+        }
         for (pivot, column), value in zip(pairs, values, strict=True):
             if value:
                 found[column][pivot] = RationalFunction(value)
@@ -99,13 +119,17 @@ class StatedColumns:
 
         solved = persistent(attempt)
         pivots = tuple(column for column in self.order if column not in solved)
-        return pivots, {column: set(combination) for column, combination in solved.items()}
+        return pivots, {
+            column: set(combination) for column, combination in solved.items()
+        }
 
     def _needed(self, columns: Sequence[int]) -> list[Relation]:
         """The relations that some columns depend on."""
         if not self._is_classical:
             return list(self.found)
-        owner = {target: relation for relation in self.found for target in relation.targets}
+        owner = {
+            target: relation for relation in self.found for target in relation.targets
+        }
         needed: list[Relation] = []
         pending = [owner[c] for c in columns if c in owner]
         while pending:
@@ -128,12 +152,20 @@ class StatedColumns:
     # -- modulo primes -------------------------------------------------------------------------------------------
 
     def _modular(
-        self, field: PrimeField, geometry: Mapping[str, Residues], needed: Sequence[Relation]
+        self,
+        field: PrimeField,
+        geometry: Mapping[str, Residues],
+        needed: Sequence[Relation],
     ) -> dict[int, dict[int, int]]:
         """Dependent columns as combinations of pivots at one geometry."""
 
         def number(polynomial: Polynomial) -> int:
-            return polynomial.evaluate(residues_at(polynomial.generators(), geometry, field), field.embed) % field.p
+            return (
+                polynomial.evaluate(
+                    residues_at(polynomial.generators(), geometry, field), field.embed
+                )
+                % field.p
+            )
 
         def coefficients(kernel: Kernel) -> npt.NDArray[Any]:
             own = {s: geometry[s] for s in kernel.sampler.symbols}
@@ -141,7 +173,9 @@ class StatedColumns:
             return found.reshape(len(kernel.sources), -1)
 
         def reduced(combination: dict[int, int]) -> dict[int, int]:
-            return {pivot: v % field.p for pivot, v in combination.items() if v % field.p}
+            return {
+                pivot: v % field.p for pivot, v in combination.items() if v % field.p
+            }
 
         solved = self._solved(needed, coefficients, number, reduced)
         assert solved is not None
@@ -164,14 +198,19 @@ class StatedColumns:
                 if values is None:
                     return None
                 columns = zip(kernel.targets, values.T, strict=True)
-                known[kernel] = {t: dict(zip(kernel.sources, column, strict=True)) for t, column in columns}
+                known[kernel] = {
+                    t: dict(zip(kernel.sources, column, strict=True))
+                    for t, column in columns
+                }
             raw |= relation.placed(known[kernel], number)
         solved: dict[int, dict[int, Any]] = {}
         for column in sorted(raw):
             solved[column] = reduced(substituted(raw[column], solved))
         return solved
 
-    def _reordered(self, solved: Mapping[int, Mapping[int, int]], field: PrimeField) -> dict[int, dict[int, int]]:
+    def _reordered(
+        self, solved: Mapping[int, Mapping[int, int]], field: PrimeField
+    ) -> dict[int, dict[int, int]]:
         dense = np.zeros((len(self._classical), len(self.order)), dtype=np.int64)
         row = {pivot: i for i, pivot in enumerate(self._classical)}
         for pivot, i in row.items():
@@ -180,25 +219,42 @@ class StatedColumns:
             for pivot, value in combination.items():
                 dense[row[pivot], column] = value
         found = by_pivots(dense[:, list(self.order)], field)
-        return {self.order[k]: {self.order[p]: x for p, x in pivots.items()} for k, pivots in found.items()}
+        return {
+            self.order[k]: {self.order[p]: x for p, x in pivots.items()}
+            for k, pivots in found.items()
+        }
 
     def _exact(
-        self, pairs: Sequence[Pair], needed: Sequence[Relation], values: Mapping[str, Number]
+        self,
+        pairs: Sequence[Pair],
+        needed: Sequence[Relation],
+        values: Mapping[str, Number],
     ) -> list[Number] | None:
         """Exact values, or None where these are no short fractions."""
 
         def evaluate(field: PrimeField, _: Mapping[str, Residues]) -> Residues:
-            geometry = {s: np.array([field.embed(v)], dtype=np.int64) for s, v in values.items()}
+            geometry = {
+                s: np.array([field.embed(v)], dtype=np.int64) for s, v in values.items()
+            }
             solved = self._modular(field, geometry, needed)
-            return np.array([[solved[column].get(pivot, 0)] for pivot, column in pairs], dtype=np.int64)
+            return np.array(
+                [[solved[column].get(pivot, 0)] for pivot, column in pairs],
+                dtype=np.int64,
+            )
 
         roots = symbol_roles(self.mechanism).irrational
-        unknown = UnknownFunctions(evaluate, (), frozenset(), frozenset(), [0] * len(pairs), roots)
+        unknown = UnknownFunctions(
+            evaluate, (), frozenset(), frozenset(), [0] * len(pairs), roots
+        )
         try:
             found = interpolate(unknown, self.rng, Work.of(1), _MOST_PRIMES)
         except ClosedFormError:
             return None
-        return None if None in found else [f.numerator.number or 0 for f in found if f is not None]
+        return (
+            None
+            if None in found
+            else [f.numerator.number or 0 for f in found if f is not None]
+        )
 
     # -- in balls ------------------------------------------------------------------------------------------------
 
@@ -210,48 +266,79 @@ class StatedColumns:
         while bits <= _MOST_BITS:
             with flint.ctx.workprec(bits):
                 found = self._balls(pairs, needed, at)
-                if found is not None and all(ball_error(x) <= _LOOSE * max(1.0, float(abs(x).mid())) for x in found):
+                if found is not None and all(
+                    ball_error(x) <= _LOOSE * max(1.0, float(abs(x).mid()))
+                    for x in found
+                ):
                     return rounded(found)
             bits *= 2
         raise ClosedFormError(
             f"{_MOST_BITS} bits of precision do not decide the coefficients; please report this model"
         )
 
-    def _balls(self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]) -> list[Any] | None:
+    def _balls(
+        self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]
+    ) -> list[Any] | None:
         def number(polynomial: Polynomial) -> Any:
-            return polynomial.evaluate(stated_generators(polynomial.generators(), at), ball)
+            return polynomial.evaluate(
+                stated_generators(polynomial.generators(), at), ball
+            )
 
-        solved = self._solved(needed, lambda kernel: _solved(kernel, at, self.rng), number, lambda found: found)
+        solved = self._solved(
+            needed,
+            lambda kernel: _solved(kernel, at, self.rng),
+            number,
+            lambda found: found,
+        )
         if solved is None:
             return None
         if not self._is_classical:
             return self._exchanged(pairs, solved)
         return [solved[column].get(pivot, flint.arb(0)) for pivot, column in pairs]
 
-    def _exchanged(self, pairs: Sequence[Pair], solved: Mapping[int, Mapping[int, Any]]) -> list[Any] | None:
+    def _exchanged(
+        self, pairs: Sequence[Pair], solved: Mapping[int, Mapping[int, Any]]
+    ) -> list[Any] | None:
         """Values for other pivots than the classical ones."""
         zero, one = flint.arb(0), flint.arb(1)
 
         def entry(pivot: int, column: int) -> Any:
-            return solved[column].get(pivot, zero) if column in solved else one if pivot == column else zero
+            return (
+                solved[column].get(pivot, zero)
+                if column in solved
+                else one
+                if pivot == column
+                else zero
+            )
 
         columns = sorted({column for _, column in pairs})
-        left = flint.arb_mat([[entry(p, c) for c in self.pivots] for p in self._classical])
+        left = flint.arb_mat(
+            [[entry(p, c) for c in self.pivots] for p in self._classical]
+        )
         try:
-            right = left.solve(flint.arb_mat([[entry(p, c) for c in columns] for p in self._classical]))
+            right = left.solve(
+                flint.arb_mat([[entry(p, c) for c in columns] for p in self._classical])
+            )
         except ZeroDivisionError:
             return None
-        row, place = ({c: i for i, c in enumerate(part)} for part in (self.pivots, columns))
+        row, place = (
+            {c: i for i, c in enumerate(part)} for part in (self.pivots, columns)
+        )
         return [right[row[pivot], place[column]] for pivot, column in pairs]
 
 
-def _solved(kernel: Kernel, at: Mapping[str, str], rng: np.random.Generator) -> Balls | None:
+def _solved(
+    kernel: Kernel, at: Mapping[str, str], rng: np.random.Generator
+) -> Balls | None:
     """Coefficients of a kernel, shape (sources, targets), or None if the precision does not decide them."""
     unknowns, forms = kernel.unknowns, kernel.rows.forms
     states = -(-(unknowns + _SURPLUS_ROWS) // max(1, forms.shape[0]))
     for count in (states, 8 * states):  # regions of signs may need more
         rows = ball_rows(forms, at, count, rng, _MOTIONS)
-        left, right = flint.arb_mat(rows[:, :unknowns].tolist()), flint.arb_mat(rows[:, unknowns:].tolist())
+        left, right = (
+            flint.arb_mat(rows[:, :unknowns].tolist()),
+            flint.arb_mat(rows[:, unknowns:].tolist()),
+        )
         across = left.transpose()
         try:
             solution = (across * left).solve(across * right)

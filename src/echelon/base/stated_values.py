@@ -18,10 +18,21 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text
-from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator
+from echelon.exact.field import (
+    CERTIFICATE_BITS,
+    DEFAULT_SEED,
+    PrimeField,
+    random_generator,
+)
 from echelon.exact.polynomial import Polynomial, Surd, format_polynomial
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import UNITS, StatedValues, angle_generators, stated_values, symbol_roles
+from echelon.mechanism.stated import (
+    UNITS,
+    StatedValues,
+    angle_generators,
+    stated_values,
+    symbol_roles,
+)
 from echelon.mechanism.substitute import substituted
 
 _MOST_TRIALS = 400
@@ -38,13 +49,18 @@ class SpecialValues:
 
     generic_rank: int  # for general values of the symbols
     rank: int  # for the robot's own values
-    relations: tuple[str, ...]  # relations among the values that make the difference, such as ``a2 = 0``
+    relations: tuple[
+        str, ...
+    ]  # relations among the values that make the difference, such as ``a2 = 0``
 
     @property
     def definitions(self) -> dict[str, str]:
         """Expressions that were put in for symbols, in the symbols that are left."""
         pairs = (relation.split(" = ") for relation in self.relations)
-        plain = ((name, right.replace("−", "-").replace("·", "*").removesuffix(" rad")) for name, right in pairs)
+        plain = (
+            (name, right.replace("−", "-").replace("·", "*").removesuffix(" rad"))
+            for name, right in pairs
+        )
         return {name: re.sub(r"(\d+)°", r"\1*pi/180", right) for name, right in plain}
 
     def text(self, what: str) -> str:
@@ -63,26 +79,42 @@ class Relations:
     """Symbols that have their values, and symbols that are combinations of others."""
 
     fixed: frozenset[str]
-    combined: tuple[tuple[str, Terms], ...] = ()  # x = Σ factor · symbol, for angles apart from multiples of 15°
+    combined: tuple[
+        tuple[str, Terms], ...
+    ] = ()  # x = Σ factor · symbol, for angles apart from multiples of 15°
 
     def put_in(self, values: StatedValues) -> dict[str, Polynomial]:
         """Expressions for the generators of these symbols."""
         found = values.put_in(sorted(self.fixed))
         for name, terms in self.combined:
             if name in values.numbers or name in values.of_pi:
-                found[name] = Polynomial({((symbol, 1),): factor for symbol, factor in terms})
+                found[name] = Polynomial(
+                    {((symbol, 1),): factor for symbol, factor in terms}
+                )
             else:
-                found |= angle_generators(name, Angle(_grid_part(name, terms, values), terms))
+                found |= angle_generators(
+                    name, Angle(_grid_part(name, terms, values), terms)
+                )
         return found
 
     def texts(self, values: StatedValues) -> tuple[str, ...]:
         """The relations as equations."""
-        equations = [f"{name} = {_value_text(name, values)}" for name in sorted(self.fixed)]
+        equations = [
+            f"{name} = {_value_text(name, values)}" for name in sorted(self.fixed)
+        ]
         for name, terms in sorted(self.combined):
-            right = format_polynomial(Polynomial({((symbol, 1),): factor for symbol, factor in terms}))
-            steps = 0 if name not in values.angles else int(_grid_part(name, terms, values) * STEPS_PER_HALF_TURN)
+            right = format_polynomial(
+                Polynomial({((symbol, 1),): factor for symbol, factor in terms})
+            )
+            steps = (
+                0
+                if name not in values.angles
+                else int(_grid_part(name, terms, values) * STEPS_PER_HALF_TURN)
+            )
             grid = f" {'+' if steps > 0 else '-'} {abs(steps) * 15}°" if steps else ""
-            equations.append(f"{name} = {right}{grid}".replace("-", "−").replace("*", "·"))
+            equations.append(
+                f"{name} = {right}{grid}".replace("-", "−").replace("*", "·")
+            )
         return tuple(equations)
 
 
@@ -94,12 +126,18 @@ def _value_text(name: str, values: StatedValues) -> str:
         return str(number) if isinstance(number, int) else decimal_text(number)
     angle = values.angles[name]
     steps = angle.half_turns * STEPS_PER_HALF_TURN
-    return f"{int(steps) * 15}°" if not angle.radians and steps.denominator == 1 else f"{angle} rad"
+    return (
+        f"{int(steps) * 15}°"
+        if not angle.radians and steps.denominator == 1
+        else f"{angle} rad"
+    )
 
 
 def _grid_part(name: str, terms: Terms, values: StatedValues) -> Fraction:
     """The difference between an angle and a combination of others, in half turns."""
-    return values.angles[name].half_turns - sum((f * values.angles[s].half_turns for s, f in terms), Fraction(0))
+    return values.angles[name].half_turns - sum(
+        (f * values.angles[s].half_turns for s, f in terms), Fraction(0)
+    )
 
 
 class RelationSearch:
@@ -109,7 +147,9 @@ class RelationSearch:
     relations among these that are enough.
     """
 
-    def __init__(self, values: StatedValues, wanted: tuple[int, ...], pivots_of: PivotsOf) -> None:
+    def __init__(
+        self, values: StatedValues, wanted: tuple[int, ...], pivots_of: PivotsOf
+    ) -> None:
         self.values, self.wanted, self.pivots_of = values, wanted, pivots_of
         self._known: dict[Relations, bool] = {}
 
@@ -132,8 +172,12 @@ class RelationSearch:
             if len(self._known) >= _MOST_TRIALS:
                 return False
             try:
-                self._known[relations] = self.pivots_of(relations.put_in(self.values)) == self.wanted
-            except EchelonError:  # some lengths of loops cannot be free while others have their values
+                self._known[relations] = (
+                    self.pivots_of(relations.put_in(self.values)) == self.wanted
+                )
+            except (
+                EchelonError
+            ):  # some lengths of loops cannot be free while others have their values
                 self._known[relations] = False
         return self._known[relations]
 
@@ -152,16 +196,22 @@ class RelationSearch:
         for name in sorted(found.fixed, key=lambda n: (len(n), n), reverse=True):
             for terms in _combinations(name, sorted(found.fixed - {name}), self.values):
                 involved = {symbol for symbol, _ in terms}
-                trial = Relations(found.fixed - {name} - involved, (*found.combined, (name, terms)))
+                trial = Relations(
+                    found.fixed - {name} - involved, (*found.combined, (name, terms))
+                )
                 if self._enough(trial):
                     return trial
         return None
 
 
-def _combinations(name: str, others: Sequence[str], values: StatedValues) -> Iterator[Terms]:
+def _combinations(
+    name: str, others: Sequence[str], values: StatedValues
+) -> Iterator[Terms]:
     """Combinations of others that have the value of a symbol: equal, a ratio, sums; the simplest first."""
     kinds = (values.numbers, values.of_pi, values.angles)
-    same: Mapping[str, object] = next((kind for kind in kinds if name in kind), values.angles)
+    same: Mapping[str, object] = next(
+        (kind for kind in kinds if name in kind), values.angles
+    )
     others = [o for o in others if o in same and name in same]
     for other in others:
         ratio = _ratio(name, other, values)
@@ -170,7 +220,9 @@ def _combinations(name: str, others: Sequence[str], values: StatedValues) -> Ite
     for size in range(2, 5):
         for chosen in combinations(others, size):
             for signs in product((1, -1), repeat=size):
-                terms = tuple((o, Fraction(s)) for o, s in zip(chosen, signs, strict=True))
+                terms = tuple(
+                    (o, Fraction(s)) for o, s in zip(chosen, signs, strict=True)
+                )
                 if _holds(name, terms, values):
                     yield terms
 
@@ -189,16 +241,24 @@ def _ratio(name: str, other: str, values: StatedValues) -> Fraction | None:
     elif values.angles[other].radians:
         factors.append(values.angles[name].radians / values.angles[other].radians)
         factors = [f for f in factors if f.denominator == 1]
-    small = (f for f in factors if f and max(abs(f.numerator), f.denominator) <= _LARGEST_RATIO)
+    small = (
+        f
+        for f in factors
+        if f and max(abs(f.numerator), f.denominator) <= _LARGEST_RATIO
+    )
     return next((f for f in small if _holds(name, ((other, f),), values)), None)
 
 
 def _holds(name: str, terms: Terms, values: StatedValues) -> bool:
     if name in values.numbers:
         total: object = sum((values.numbers[s] * f for s, f in terms), Fraction(0))
-        return bool(values.numbers[name] == total) and any(values.numbers[s] for s, _ in terms)
+        return bool(values.numbers[name] == total) and any(
+            values.numbers[s] for s, _ in terms
+        )
     if name in values.of_pi:
-        return Polynomial.sum(values.of_pi[s] * f for s, f in terms) == values.of_pi[name]
+        return (
+            Polynomial.sum(values.of_pi[s] * f for s, f in terms) == values.of_pi[name]
+        )
     radians = sum((f * values.angles[s].radians for s, f in terms), Fraction(0))
     grid = _grid_part(name, terms, values) * STEPS_PER_HALF_TURN
     return values.angles[name].radians == radians and grid.denominator == 1
@@ -210,17 +270,34 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
     if not values.names:
         return mechanism
     put_in = with_values(mechanism, values.put_in(values.names))
-    terms = " ".join(action.term for effect in put_in.effects for action in effect.actions)
+    terms = " ".join(
+        action.term for effect in put_in.effects for action in effect.actions
+    )
     in_geometry = symbol_roles(put_in).symbols
-    used = {name for name in values.units if name in in_geometry or (name in UNITS and name in terms)}
-    left = {name: symbol for name, symbol in put_in.symbols.items() if name not in values.units}
-    return replace(put_in, symbols={**left, **{name: values.units[name] for name in used}})
+    used = {
+        name
+        for name in values.units
+        if name in in_geometry or (name in UNITS and name in terms)
+    }
+    left = {
+        name: symbol
+        for name, symbol in put_in.symbols.items()
+        if name not in values.units
+    }
+    return replace(
+        put_in, symbols={**left, **{name: values.units[name] for name in used}}
+    )
 
 
 def with_values(mechanism: Mechanism, put_in: Mapping[str, Polynomial]) -> Mechanism:
     """The mechanism with expressions in place of symbols, which may be in terms of units of angles."""
     units = stated_values(mechanism).units
-    return substituted(replace(mechanism, symbols={**mechanism.symbols, **{n: units[n] for n in UNITS}}), put_in)
+    return substituted(
+        replace(
+            mechanism, symbols={**mechanism.symbols, **{n: units[n] for n in UNITS}}
+        ),
+        put_in,
+    )
 
 
 def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
@@ -240,6 +317,11 @@ def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:
         present = matrix.modulo(values.draw(matrix.symbols, field, rng), field)
     except DegenerateSampleError:
         problem = "a denominator of B is zero at the stated values of the symbols: other representatives are needed"
-        raise InputError(f"{problem} ({', '.join(sorted(matrix.denominators))})") from None
-    rows = tuple({c: f for c, f in row.items() if here[c]} for row, here in zip(matrix.rows, present, strict=True))
+        raise InputError(
+            f"{problem} ({', '.join(sorted(matrix.denominators))})"
+        ) from None
+    rows = tuple(
+        {c: f for c, f in row.items() if here[c]}
+        for row, here in zip(matrix.rows, present, strict=True)
+    )
     return replace(matrix, rows=rows)

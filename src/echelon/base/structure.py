@@ -25,10 +25,26 @@ from echelon.doors import public
 from echelon.errors import DegenerateSampleError, EchelonError, SingularPoseError
 from echelon.exact.field import PrimeField, by_pivots
 from echelon.exact.unknown_functions import persistent
-from echelon.mechanism.joint import ALL, GROUND, Body, Joint, Motion, Placement, Step, floating_motions
+from echelon.mechanism.joint import (
+    ALL,
+    GROUND,
+    Body,
+    Joint,
+    Motion,
+    Placement,
+    Step,
+    floating_motions,
+)
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.schedule import FieldSampler
-from echelon.regressor.linear_forms import FEW_COLUMNS, LinearForms, Rows, energy_changes, energy_form, rows_of
+from echelon.regressor.linear_forms import (
+    FEW_COLUMNS,
+    LinearForms,
+    Rows,
+    energy_changes,
+    energy_form,
+    rows_of,
+)
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -101,7 +117,9 @@ class Structure:
         )
 
 
-def find_structure(mechanism: Mechanism, rng: np.random.Generator, *, generic: bool = True) -> Structure:
+def find_structure(
+    mechanism: Mechanism, rng: np.random.Generator, *, generic: bool = True
+) -> Structure:
     """Rank and pivots in base-to-tip order, for generic values of the geometry symbols.
 
     With loops, these are values near the stated ones, or with ``generic=False`` the stated ones.  SingularPoseError if
@@ -127,19 +145,33 @@ def _independent(rows: Rows) -> bool:
     return len(found.pivots) == rows.forms.shape[1] - rows.auxiliary
 
 
-def _modulo_primes(mechanism: Mechanism, whole: Rows, rng: np.random.Generator) -> Structure:
+def _modulo_primes(
+    mechanism: Mechanism, whole: Rows, rng: np.random.Generator
+) -> Structure:
     """Structure of a mechanism whose rows are rational functions of free variables."""
     by_joint = _dependent_by_joint(mechanism, rng)
     remaining = _not_local(mechanism, by_joint)
     settled = _shown_by_blocks(mechanism, whole, remaining, rng)
     remaining = [c for c in remaining if c not in settled]
     supports = _confirmed_dependence(whole.columns(remaining), rng)
-    pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))
-    by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
+    pivots = tuple(
+        sorted(
+            (
+                *settled,
+                *(remaining[k] for k in range(len(remaining)) if k not in supports),
+            )
+        )
+    )
+    by_robot = {
+        remaining[k]: tuple(remaining[s] for s in support)
+        for k, support in supports.items()
+    }
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot)
 
 
-def from_regular_pose(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Mechanism, tuple[int, ...]]:
+def from_regular_pose(
+    mechanism: Mechanism, rng: np.random.Generator
+) -> tuple[Mechanism, tuple[int, ...]]:
     """A mechanism that is assembled next to a singular pose, where it shows least, and the ranks that were seen there.
 
     Ways of assembly meet at such a pose: equal lengths are there to make motions special.  The mechanism itself, and no
@@ -150,7 +182,10 @@ def from_regular_pose(mechanism: Mechanism, rng: np.random.Generator) -> tuple[M
         return mechanism, ()
     seen = dict[int, Mechanism]()
     for pose in loops.known_poses(0, _BRANCHES):
-        beside = replace(mechanism, assembly=dict(zip(mechanism.positions, map(float, pose), strict=True)))
+        beside = replace(
+            mechanism,
+            assembly=dict(zip(mechanism.positions, map(float, pose), strict=True)),
+        )
         structure = real_structure(beside, rng, rows_of(beside))
         if not structure.singular:
             seen.setdefault(structure.rank, beside)
@@ -161,36 +196,64 @@ def from_regular_pose(mechanism: Mechanism, rng: np.random.Generator) -> tuple[M
 
 @one_thread()
 def real_structure(
-    mechanism: Mechanism, rng: np.random.Generator, rows: Rows, *, generic: bool = False, in_numbers: bool = False
+    mechanism: Mechanism,
+    rng: np.random.Generator,
+    rows: Rows,
+    *,
+    generic: bool = False,
+    in_numbers: bool = False,
 ) -> Structure:
     """Structure at real states, of all columns for numbers at the stated values.
 
     Else, where symbols have names or states are free, columns that depend on others by their joint alone are left to
     closed forms.
     """
-    named = (bool(RealStates(rows).symbols) or rows.forms.loops is None) and not in_numbers
+    named = (
+        bool(RealStates(rows).symbols) or rows.forms.loops is None
+    ) and not in_numbers
     by_joint = _dependent_by_joint(mechanism, rng) if named else {}
     columns = _not_local(mechanism, by_joint)
-    states = RealStates(rows.columns(columns), units_of(mechanism, columns, rows.auxiliary))
+    states = RealStates(
+        rows.columns(columns), units_of(mechanism, columns, rows.auxiliary)
+    )
     found = _real_elimination(states, rng, generic=generic)
     order, spectrum = range(len(columns)), None
     ordered = found.in_order(order)
     if rows.forms.loops is not None:
-        from echelon.loops import check_independent  # robots without loops do without it
+        from echelon.loops import (
+            check_independent,
+        )  # robots without loops do without it
 
         check_independent(mechanism, states.free_velocities)
         spectrum = spectrum_of(mechanism, states, columns, found)
         if spectrum.intended < spectrum.literal:
             ordered = found.without_faint(spectrum.intended, order)
     supports = _supports(ordered)
-    by_robot = {columns[k]: tuple(columns[p] for p in support) for k, support in supports.items()}
+    by_robot = {
+        columns[k]: tuple(columns[p] for p in support)
+        for k, support in supports.items()
+    }
     pivots = tuple(columns[k] for k in ordered.pivots)
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, states.singular, ordered, spectrum)
+    return Structure(
+        len(mechanism.parameters),
+        pivots,
+        by_joint,
+        by_robot,
+        states.singular,
+        ordered,
+        spectrum,
+    )
 
 
-def _real_elimination(states: RealStates, rng: np.random.Generator, *, generic: bool) -> Independent:
+def _real_elimination(
+    states: RealStates, rng: np.random.Generator, *, generic: bool
+) -> Independent:
     """Independent columns at the stated values of the symbols, or at random ones next to them."""
-    return persistent(lambda: states.independent(states.elsewhere(rng) if generic and states.symbols else {}))
+    return persistent(
+        lambda: states.independent(
+            states.elsewhere(rng) if generic and states.symbols else {}
+        )
+    )
 
 
 def _supports(ordered: Independent) -> dict[int, tuple[int, ...]]:
@@ -201,14 +264,20 @@ def _supports(ordered: Independent) -> dict[int, tuple[int, ...]]:
             for pivot, value in zip(ordered.pivots, coefficients, strict=True)
             if not vanishes(value, ordered.bits)
         )
-        for dependent, coefficients in zip(ordered.others, ordered.solution.T, strict=True)
+        for dependent, coefficients in zip(
+            ordered.others, ordered.solution.T, strict=True
+        )
     }
 
 
-def _not_local(mechanism: Mechanism, by_joint: Mapping[int, tuple[int, ...]]) -> list[int]:
+def _not_local(
+    mechanism: Mechanism, by_joint: Mapping[int, tuple[int, ...]]
+) -> list[int]:
     """Columns that do not depend on others by their joint alone."""
     local = {column for columns in by_joint.values() for column in columns}
-    return [column for column in range(len(mechanism.parameters)) if column not in local]
+    return [
+        column for column in range(len(mechanism.parameters)) if column not in local
+    ]
 
 
 def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
@@ -224,7 +293,9 @@ def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
     return _of_supports(forms, _supports(found.in_order(range(forms.shape[1]))))
 
 
-def _of_supports(forms: LinearForms, supports: Mapping[int, tuple[int, ...]]) -> Structure:
+def _of_supports(
+    forms: LinearForms, supports: Mapping[int, tuple[int, ...]]
+) -> Structure:
     """Structure of rows whose dependent columns are known with the pivots that they depend on."""
     pivots = tuple(column for column in range(forms.shape[1]) if column not in supports)
     return Structure(forms.shape[1], pivots, {}, supports)
@@ -235,13 +306,25 @@ def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
 
     On a whole parent the joint is placed at the parent's frame instead of :func:`joint_frame`.
     """
-    child, parent = mechanism.bodies[index], mechanism.bodies[mechanism.bodies[index].parent]
+    child, parent = (
+        mechanism.bodies[index],
+        mechanism.bodies[mechanism.bodies[index].parent],
+    )
     name = "free"
     while any(motion.name.startswith(name) for motion in child.joint.motions):
         name += "_"
     free = Joint(name, "floating", floating_motions(name))
-    hung = replace(child, parent=0, inertial=None, joint=replace(child.joint, steps=_own_steps(child, parent)))
-    return Mechanism("pair", (replace(parent, parent=GROUND, joint=free, inertial=None), hung), gravity=None)
+    hung = replace(
+        child,
+        parent=0,
+        inertial=None,
+        joint=replace(child.joint, steps=_own_steps(child, parent)),
+    )
+    return Mechanism(
+        "pair",
+        (replace(parent, parent=GROUND, joint=free, inertial=None), hung),
+        gravity=None,
+    )
 
 
 def joint_frame(mechanism: Mechanism, index: int) -> Placement:
@@ -253,14 +336,19 @@ def joint_frame(mechanism: Mechanism, index: int) -> Placement:
     body = mechanism.bodies[index]
     parent = mechanism.bodies[body.parent]
     before = body.joint.steps[: len(body.joint.steps) - len(_own_steps(body, parent))]
-    return reduce(matmul, (step for step in before if isinstance(step, Placement)), Placement())
+    return reduce(
+        matmul, (step for step in before if isinstance(step, Placement)), Placement()
+    )
 
 
 def pair_signature(mechanism: Mechanism, index: int) -> tuple[object, ...]:
     """All that matters of :func:`floating_pair`: what the bodies carry and the joint without names."""
     body = mechanism.bodies[index]
     parent = mechanism.bodies[body.parent]
-    steps = (replace(s, name="") if isinstance(s, Motion) else s for s in _own_steps(body, parent))
+    steps = (
+        replace(s, name="") if isinstance(s, Motion) else s
+        for s in _own_steps(body, parent)
+    )
     return (parent.carried, body.carried, *steps)
 
 
@@ -269,7 +357,11 @@ def _own_steps(body: Body, parent: Body) -> tuple[Step, ...]:
     steps = body.joint.steps
     if parent.carried != ALL:
         return steps
-    return steps[next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps)) :]
+    return steps[
+        next(
+            (k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps)
+        ) :
+    ]
 
 
 def pair_columns(mechanism: Mechanism, index: int) -> list[int]:
@@ -279,11 +371,18 @@ def pair_columns(mechanism: Mechanism, index: int) -> list[int]:
     return [first[b] + k for b in pair for k in range(len(mechanism.bodies[b].carried))]
 
 
-def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
+def _dependent_by_joint(
+    mechanism: Mechanism, rng: np.random.Generator
+) -> dict[int, tuple[int, ...]]:
     cache: dict[object, tuple[int, ...]] = {}
     dependent = {}
     # a sensor between a body and its parent sees what moves from one to the other
-    watched = {c.body for output in mechanism.outputs for c, _ in output.terms if isinstance(c, Cut)}
+    watched = {
+        c.body
+        for output in mechanism.outputs
+        for c, _ in output.terms
+        if isinstance(c, Cut)
+    }
     for index, body in enumerate(mechanism.bodies):
         if body.parent == GROUND or body.massless or index in watched:
             continue
@@ -292,16 +391,22 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
             continue
         signature = pair_signature(mechanism, index)
         if signature not in cache:
-            supports = _confirmed_dependence(Rows(energy_form(floating_pair(mechanism, index)), 1), rng)
+            supports = _confirmed_dependence(
+                Rows(energy_form(floating_pair(mechanism, index)), 1), rng
+            )
             offset = len(mechanism.bodies[body.parent].carried)
-            cache[signature] = tuple(sorted(k - offset for k in supports if k >= offset))
+            cache[signature] = tuple(
+                sorted(k - offset for k in supports if k >= offset)
+            )
         columns = pair_columns(mechanism, index)[-len(body.carried) :]
         if cache[signature]:
             dependent[index] = tuple(columns[k] for k in cache[signature])
     return dependent
 
 
-def _shown_by_blocks(mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator) -> set[int]:
+def _shown_by_blocks(
+    mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator
+) -> set[int]:
     """Columns that small blocks of rows show to be independent of all others.
 
     To show a column to be independent modulo one prime is a proof, so one attempt is enough.
@@ -314,13 +419,17 @@ def _shown_by_blocks(mechanism: Mechanism, rows: Rows, columns: Sequence[int], r
     seen = {column - rows.auxiliary for _, column in rows.forms.entries}
     for _ in range(_ATTEMPTS):
         try:
-            return blocks.independent(seen.intersection(columns), PrimeField.random(rng), rng)
+            return blocks.independent(
+                seen.intersection(columns), PrimeField.random(rng), rng
+            )
         except DegenerateSampleError:
             continue
     return set()
 
 
-def _confirmed_dependence(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
+def _confirmed_dependence(
+    rows: Rows, rng: np.random.Generator
+) -> dict[int, tuple[int, ...]]:
     """Dependent columns and the pivots they depend on, as several primes, geometries and states agree."""
     seen: list[dict[int, tuple[int, ...]]] = []
     sampler, count = rows.forms.sampler(), rows.forms.shape[1] + _SURPLUS_ROWS
@@ -331,18 +440,26 @@ def _confirmed_dependence(rows: Rows, rng: np.random.Generator) -> dict[int, tup
         except DegenerateSampleError:
             continue
         seen.append(current)
-        if sampler.regions > 1:  # had a region of signs more to show, twice the points would show some of it
+        if (
+            sampler.regions > 1
+        ):  # had a region of signs more to show, twice the points would show some of it
             count *= 2
         # an unlucky point can only make more columns dependent, never fewer
         fewest = min(len(s) for s in seen)
         agreeing = [s for s in seen if len(s) == fewest and s == seen[-1]]
         if len(agreeing) >= _PASSES:
             return seen[-1]
-    raise EchelonError("results at random points keep contradicting each other; please report this model")
+    raise EchelonError(
+        "results at random points keep contradicting each other; please report this model"
+    )
 
 
 def dependent_columns(
-    rows: Rows, sampler: FieldSampler, count: int, field: PrimeField, rng: np.random.Generator
+    rows: Rows,
+    sampler: FieldSampler,
+    count: int,
+    field: PrimeField,
+    rng: np.random.Generator,
 ) -> dict[int, tuple[int, ...]]:
     """Dependence of columns at ``count`` random states, in all regions of signs, of one random geometry."""
     states = max(-(-count // max(1, rows.forms.shape[0])), sampler.regions)
@@ -350,4 +467,7 @@ def dependent_columns(
     matrix = rows.forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
     first = rows.auxiliary
     found = by_pivots(matrix, field)
-    return {column - first: tuple(p - first for p in pivots if p >= first) for column, pivots in found.items()}
+    return {
+        column - first: tuple(p - first for p in pivots if p >= first)
+        for column, pivots in found.items()
+    }

@@ -54,7 +54,9 @@ class SymbolicRegressor:
         known: dict[Any, Any] = {}
         for symbol, formula in self.subexpressions:
             known[symbol] = formula.xreplace(known)
-        return sympy.ImmutableMatrix(self.entries.applyfunc(lambda entry: entry.xreplace(known)))
+        return sympy.ImmutableMatrix(
+            self.entries.applyfunc(lambda entry: entry.xreplace(known))
+        )
 
     def latex(self) -> str:
         """LaTeX of one equation for every subexpression and entry that is not zero; needs only amsmath."""
@@ -66,21 +68,41 @@ class SymbolicRegressor:
         def tex(formula: Any) -> str:
             return str(sympy.latex(formula, symbol_names=names))
 
-        lines = [f"{names[symbol]} &= {tex(formula)}" for symbol, formula in self.subexpressions]
+        lines = [
+            f"{names[symbol]} &= {tex(formula)}"
+            for symbol, formula in self.subexpressions
+        ]
         for (i, j), entry in sorted(self.entries.todok().items()):
             lines.append(f"\\bar X_{{{i + 1},{j + 1}}} &= {tex(entry)}")
         head = [f"% {line}" for line in self._head()]
-        return "\n".join([*head, "\\begin{align*}", " \\\\\n".join(lines), "\\end{align*}"]) + "\n"
+        return (
+            "\n".join(
+                [*head, "\\begin{align*}", " \\\\\n".join(lines), "\\end{align*}"]
+            )
+            + "\n"
+        )
 
     def python(self) -> str:
         """Python text that needs sympy alone and, when run, leaves the matrix as ``X``."""
-        symbols = sorted((s for s in self._symbols() if s not in dict(self.subexpressions)), key=str)
+        symbols = sorted(
+            (s for s in self._symbols() if s not in dict(self.subexpressions)), key=str
+        )
         lines = [f"# {line}" for line in self._head()]
-        lines += ["import sympy", f"from sympy import {', '.join(sorted(IMPORTED))}", ""]
+        lines += [
+            "import sympy",
+            f"from sympy import {', '.join(sorted(IMPORTED))}",
+            "",
+        ]
         lines += [f"{s.name} = sympy.Symbol({s.name!r})" for s in symbols]
-        lines += [f"{symbol} = {_exact_text(formula)}" for symbol, formula in self.subexpressions]
+        lines += [
+            f"{symbol} = {_exact_text(formula)}"
+            for symbol, formula in self.subexpressions
+        ]
         lines += [f"X = sympy.zeros({self.entries.rows}, {self.entries.cols})"]
-        lines += [f"X[{i}, {j}] = {_exact_text(entry)}" for (i, j), entry in sorted(self.entries.todok().items())]
+        lines += [
+            f"X[{i}, {j}] = {_exact_text(entry)}"
+            for (i, j), entry in sorted(self.entries.todok().items())
+        ]
         return "\n".join(lines) + "\n"
 
     def _symbols(self) -> set[Any]:
@@ -90,20 +112,30 @@ class SymbolicRegressor:
         return found
 
     def _head(self) -> list[str]:
-        states = ", ".join(f"{symbol} = {meaning}" for symbol, meaning in self.inputs.items())
+        states = ", ".join(
+            f"{symbol} = {meaning}" for symbol, meaning in self.inputs.items()
+        )
         return [
-            one_line(f"base regressor of {self.name}: {self.entries.rows} × {self.entries.cols}"),
+            one_line(
+                f"base regressor of {self.name}: {self.entries.rows} × {self.entries.cols}"
+            ),
             one_line(f"rows: {', '.join(self.rows)}"),
             one_line(f"columns, by representative: {', '.join(self.columns)}"),
             one_line(f"states: {states}"),
         ]
 
     def __repr__(self) -> str:
-        named = f", {len(self.subexpressions)} subexpressions" if self.subexpressions else ""
+        named = (
+            f", {len(self.subexpressions)} subexpressions"
+            if self.subexpressions
+            else ""
+        )
         return f"SymbolicRegressor({self.name}: {self.entries.rows} × {self.entries.cols}{named})"
 
     def _repr_latex_(self) -> str:
-        return "\n".join(line for line in self.latex().splitlines() if not line.startswith("%"))
+        return "\n".join(
+            line for line in self.latex().splitlines() if not line.startswith("%")
+        )
 
 
 def _latex_name(name: str, inputs: Mapping[str, str]) -> str:
@@ -120,4 +152,6 @@ def _exact_text(formula: Any) -> str:
     with extra("symbolic"):
         from sympy.printing.str import StrPrinter
 
-    return str(StrPrinter({"sympy_integers": True}).doprint(formula)).replace("S(", "sympy.S(")
+    return str(StrPrinter({"sympy_integers": True}).doprint(formula)).replace(
+        "S(", "sympy.S("
+    )

@@ -21,7 +21,14 @@ from echelon.base.expression import collect
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import ROUNDING
-from echelon.claims.compare import Geometry, Row, compare_row, led_by, span_exactly, span_roughly
+from echelon.claims.compare import (
+    Geometry,
+    Row,
+    compare_row,
+    led_by,
+    span_exactly,
+    span_roughly,
+)
 from echelon.claims.reading import (
     AUTO,
     Claim,
@@ -45,7 +52,9 @@ from echelon.mechanism.sources import Readable
 from echelon.mechanism.stated import all_symbols
 from echelon.regressor.loops import assembly_of
 
-_PROPAGATED = 10.0  # how much larger than a rounded angle its effect on a coefficient may be
+_PROPAGATED = (
+    10.0  # how much larger than a rounded angle its effect on a coefficient may be
+)
 
 Claims = str | os.PathLike[str] | Sequence[str] | Mapping[str, str]
 
@@ -99,25 +108,51 @@ def audit(
     source = os.fspath(claims) if isinstance(claims, str | os.PathLike) else None
     found = read_claims(claims)
     chosen, words = find_naming([claim.text for claim in found], base, naming)
-    put_in = base.special.definitions if base.special is not None and not base.generic else {}
-    linking = _Linking(base, chosen, words, {**put_in, **(define or {})}, tuple(ignore), source)
+    put_in = (
+        base.special.definitions
+        if base.special is not None and not base.generic
+        else {}
+    )
+    linking = _Linking(
+        base, chosen, words, {**put_in, **(define or {})}, tuple(ignore), source
+    )
     rows = [linking.row(claim) for claim in found]
-    kept = [(claim, row) for claim, row in zip(found, rows, strict=True) if row is not None]
+    kept = [
+        (claim, row) for claim, row in zip(found, rows, strict=True) if row is not None
+    ]
     if not kept:
-        raise InputError("nothing is left to compare: every row is ignored", source=source)
-    left_out = tuple(claim for claim, row in zip(found, rows, strict=True) if row is None)
-    return _compare(base, [claim for claim, _ in kept], [row for _, row in kept], chosen, left_out)
+        raise InputError(
+            "nothing is left to compare: every row is ignored", source=source
+        )
+    left_out = tuple(
+        claim for claim, row in zip(found, rows, strict=True) if row is None
+    )
+    return _compare(
+        base, [claim for claim, _ in kept], [row for _, row in kept], chosen, left_out
+    )
 
 
 def _compare(
-    model: BaseModel, claims: Sequence[Claim], rows: Sequence[Row], naming: Naming, ignored: tuple[Claim, ...]
+    model: BaseModel,
+    claims: Sequence[Claim],
+    rows: Sequence[Row],
+    naming: Naming,
+    ignored: tuple[Claim, ...],
 ) -> Audit:
     rng = np.random.default_rng(model.seed)
-    geometry, precision = Geometry.of(model), precision_of(claim.text for claim in claims)
+    geometry, precision = (
+        Geometry.of(model),
+        precision_of(claim.text for claim in claims),
+    )
     matrix = led_by(model.matrix, rows, rng)
     stated = [Finding(number, claim) for number, claim in enumerate(claims, 1)]
-    found = [compare_row(f, row, matrix, geometry, precision) for f, row in zip(stated, rows, strict=True)]
-    right = [k for k, finding in enumerate(found) if finding.agreement is not Agreement.WRONG]
+    found = [
+        compare_row(f, row, matrix, geometry, precision)
+        for f, row in zip(stated, rows, strict=True)
+    ]
+    right = [
+        k for k, finding in enumerate(found) if finding.agreement is not Agreement.WRONG
+    ]
     search = WitnessSearch(model, matrix, tuple(rows), geometry, model.seed)
     if any(finding.agreement is Agreement.PRINTED_DIGITS for finding in found):
         span = span_roughly(rows, right, matrix, geometry, precision.absolute)
@@ -126,7 +161,10 @@ def _compare(
     return Audit(
         model.mechanism.name,
         model.rank,
-        tuple(replace(f, redundant=k in span.redundant, witness=search.against(f)) for k, f in enumerate(found)),
+        tuple(
+            replace(f, redundant=k in span.redundant, witness=search.against(f))
+            for k, f in enumerate(found)
+        ),
         tuple(_missing(k, search) for k in span.missing),
         naming.name,
         str(precision),
@@ -138,7 +176,12 @@ def _compare(
 def _notes(model: BaseModel, found: Sequence[Finding]) -> tuple[str, ...]:
     """Numeric programs take a file's 1.5708 literally; terms of that size then come from there."""
     snapped = max((snap.difference for snap in model.reading.snaps), default=0.0)
-    gaps = [abs(d.difference) for f in found for d in f.differences if d.difference is not None]
+    gaps = [
+        abs(d.difference)
+        for f in found
+        for d in f.differences
+        if d.difference is not None
+    ]
     if snapped <= ROUNDING or not any(gap <= _PROPAGATED * snapped for gap in gaps):
         return ()
     return (
@@ -150,9 +193,13 @@ def _notes(model: BaseModel, found: Sequence[Finding]) -> tuple[str, ...]:
 def _missing(index: int, search: WitnessSearch) -> Missing:
     matrix = search.matrix
     column = matrix.pivots[index]
-    terms = [(matrix.parameters[c], value) for c, value in sorted(matrix.rows[index].items())]
+    terms = [
+        (matrix.parameters[c], value) for c, value in sorted(matrix.rows[index].items())
+    ]
     unit = search.model.mechanism.columns[column].unit
-    return Missing(collect(matrix.parameters[column], unit, terms), search.unseen_by_claims(index))
+    return Missing(
+        collect(matrix.parameters[column], unit, terms), search.unseen_by_claims(index)
+    )
 
 
 @dataclass(frozen=True)
@@ -169,7 +216,11 @@ class _Linking:
     def row(self, claim: Claim) -> Row | None:
         """Coefficients by column; None if only ignored parameters occur."""
         text, odd = plain_words(claim.text, self.words)
-        ignored = {name for name in names_in(text) if any(fnmatchcase(name, p) for p in self.ignore)}
+        ignored = {
+            name
+            for name in names_in(text)
+            if any(fnmatchcase(name, p) for p in self.ignore)
+        }
 
         def parameter(name: str) -> str | None:
             return name if name in ignored else self.words.get(odd.get(name, name))
@@ -177,11 +228,19 @@ class _Linking:
         try:
             terms = LinearReader(parameter, self._symbol).read(text)
         except ValueError as error:
-            raise InputError(str(error), source=self.source, element=claim.where) from None
+            raise InputError(
+                str(error), source=self.source, element=claim.where
+            ) from None
         column = {name: k for k, name in enumerate(self.model.parameters)}
-        row = {column[name]: value for name, value in terms.items() if name not in ignored and value}
+        row = {
+            column[name]: value
+            for name, value in terms.items()
+            if name not in ignored and value
+        }
         if not row and not (terms and ignored):
-            raise InputError(f"'{claim.text}' is zero", source=self.source, element=claim.where)
+            raise InputError(
+                f"'{claim.text}' is zero", source=self.source, element=claim.where
+            )
         return row or None
 
     def _symbol(self, name: str) -> Polynomial:
@@ -215,7 +274,10 @@ class WitnessSearch:
         """Of a wrong row: a unit of the parameter with the worst coefficient, compensated in all outputs."""
         if not finding.differences:
             return None
-        worst = max(finding.differences, key=lambda difference: abs(difference.difference or 0.0))
+        worst = max(
+            finding.differences,
+            key=lambda difference: abs(difference.difference or 0.0),
+        )
         column = self.matrix.parameters.index(worst.parameter)
         change = np.zeros(len(self.matrix.parameters))
         change[column] = 1.0
@@ -227,7 +289,9 @@ class WitnessSearch:
         pivots = list(self.matrix.pivots)
         others = [k for k in range(len(pivots)) if k != missing]
         at_pivots = self.claimed[:, pivots]
-        hidden = np.linalg.lstsq(at_pivots[:, others], -at_pivots[:, missing], rcond=None)[0]
+        hidden = np.linalg.lstsq(
+            at_pivots[:, others], -at_pivots[:, missing], rcond=None
+        )[0]
         change = np.zeros(len(self.matrix.parameters))
         change[pivots[missing]] = 1.0
         change[[pivots[k] for k in others]] = hidden
@@ -240,7 +304,11 @@ class WitnessSearch:
         claimed = {s for row in self.rows for c in row.values() for s in c.symbols()}
         used = all_symbols(model) | claimed | set(self.matrix.symbols)
         rng = np.random.default_rng(self.seed)
-        return {name: round(rng.uniform(0.2, 0.8), 2) for name in sorted(used) if name not in self.geometry.floats}
+        return {
+            name: round(rng.uniform(0.2, 0.8), 2)
+            for name in sorted(used)
+            if name not in self.geometry.floats
+        }
 
     @cached_property
     def b(self) -> Floats:
@@ -250,7 +318,9 @@ class WitnessSearch:
     @cached_property
     def claimed(self) -> Floats:
         """The claimed coefficients in floats, shape (claims, n)."""
-        geometry = replace(self.geometry, floats={**self.geometry.floats, **self.assumed})
+        geometry = replace(
+            self.geometry, floats={**self.geometry.floats, **self.assumed}
+        )
         values = np.zeros((len(self.rows), len(self.matrix.parameters)))
         for i, row in enumerate(self.rows):
             for column, coefficient in row.items():
@@ -265,13 +335,19 @@ class WitnessSearch:
     @cached_property
     def regressor(self) -> Floats:
         """X at the example states, shape (states, outputs, n)."""
-        return self.model.standard_regressor(*self.states, symbols=self.assumed, inputs=self.measured)
+        return self.model.standard_regressor(
+            *self.states, symbols=self.assumed, inputs=self.measured
+        )
 
     @cached_property
     def measured(self) -> dict[str, Floats]:
         """Example values of measured inputs, such as currents, by name."""
         rng = np.random.default_rng(self.seed + 1)
-        names = sorted(i.name[2:-1] for i in self.model.standard_forms.program.inputs.values() if i.name[:2] == "i[")
+        names = sorted(
+            i.name[2:-1]
+            for i in self.model.standard_forms.program.inputs.values()
+            if i.name[:2] == "i["
+        )
         return {name: rng.uniform(-2.0, 2.0, _STATES).round(2) for name in names}
 
     def _witness(self, change: Floats) -> Witness:
@@ -282,19 +358,32 @@ class WitnessSearch:
         felt = self.claimed @ change
         q, qd, qdd = (tuple(float(v) for v in part[loudest]) for part in self.states)
         return Witness(
-            {name: float(v) for name, v in zip(self.matrix.parameters, change, strict=True) if v},
+            {
+                name: float(v)
+                for name, v in zip(self.matrix.parameters, change, strict=True)
+                if v
+            },
             {i + 1: float(v) for i, v in enumerate(felt) if abs(v) > _NEGLIGIBLE},
-            {"q": q, "qd": qd, "qdd": qdd, **{f"i[{k}]": (float(v[loudest]),) for k, v in self.measured.items()}},
+            {
+                "q": q,
+                "qd": qd,
+                "qdd": qdd,
+                **{f"i[{k}]": (float(v[loudest]),) for k, v in self.measured.items()},
+            },
             {
                 output.name: float(v) if abs(v) > _NEGLIGIBLE * scale else 0.0
-                for output, v in zip(self.model.mechanism.outputs, outputs[loudest], strict=True)
+                for output, v in zip(
+                    self.model.mechanism.outputs, outputs[loudest], strict=True
+                )
             },
             self.assumed,
         )
 
 
 def random_states(
-    model: BaseModel, rng: np.random.Generator, symbols: Mapping[str, float] | None = None
+    model: BaseModel,
+    rng: np.random.Generator,
+    symbols: Mapping[str, float] | None = None,
 ) -> tuple[Floats, Floats, Floats]:
     """Random states with two decimals; quaternions have unit length, and loops are closed."""
     mechanism = model.mechanism
@@ -304,6 +393,8 @@ def random_states(
     for motion in mechanism.motions:
         if motion.kind is MotionKind.BALL:
             first = mechanism.positions.index(motion.positions[0])
-            q[:, first : first + 4] /= np.linalg.norm(q[:, first : first + 4], axis=1, keepdims=True)
+            q[:, first : first + 4] /= np.linalg.norm(
+                q[:, first : first + 4], axis=1, keepdims=True
+            )
     rates = rng.uniform(-2.0, 2.0, (2, _STATES, len(mechanism.velocities))).round(2)
     return q, rates[0], rates[1]

@@ -34,7 +34,9 @@ from echelon.exact.polynomial import Number, Surd, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 from echelon.exact.unknown_functions import Work
 
-Row = Mapping[int, RationalFunction]  # claimed coefficients by column, in the order of the text
+Row = Mapping[
+    int, RationalFunction
+]  # claimed coefficients by column, in the order of the text
 
 _ZERO, _ONE = RationalFunction(0), RationalFunction(1)
 _PRIME_BITS = 61
@@ -53,8 +55,17 @@ class Geometry:
     def of(model: BaseModel) -> Geometry:
         """The values that a model's mechanism states."""
         symbols = model.mechanism.symbols.items()
-        exact = {name: symbol.number for name, symbol in symbols if symbol.number is not None}
-        return Geometry(exact, {name: symbol.value for name, symbol in symbols if symbol.value is not None})
+        exact = {
+            name: symbol.number for name, symbol in symbols if symbol.number is not None
+        }
+        return Geometry(
+            exact,
+            {
+                name: symbol.value
+                for name, symbol in symbols
+                if symbol.value is not None
+            },
+        )
 
     def exactly(self, value: RationalFunction) -> Number | None:
         """A coefficient's exact value, if its lengths have one."""
@@ -62,9 +73,13 @@ class Geometry:
         if any(g not in self.exact or is_trigonometric(g) for g in generators):
             return None
         try:
-            return value.evaluate({g: _fraction(self.exact[g]) for g in generators}, _fraction)
+            return value.evaluate(
+                {g: _fraction(self.exact[g]) for g in generators}, _fraction
+            )
         except ZeroDivisionError:
-            raise InputError(f"the denominator {value.denominator} is zero at the robot's values") from None
+            raise InputError(
+                f"the denominator {value.denominator} is zero at the robot's values"
+            ) from None
 
     def roughly(self, value: RationalFunction) -> float | None:
         """A coefficient's value, if its symbols have one."""
@@ -77,7 +92,9 @@ def _fraction(x: Number) -> Number:
     return x if isinstance(x, Surd) else Fraction(x)
 
 
-def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) -> BaseMatrix:
+def led_by(
+    matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator
+) -> BaseMatrix:
     """B with the claimed rows' own leading parameters as representatives, as far as they can be."""
     uses = Counter(column for row in rows for column in row)
     leaders = []
@@ -90,25 +107,46 @@ def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) ->
     return reordered(matrix, order, rng, Work.of(1)) or matrix
 
 
-def compare_row(finding: Finding, row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision) -> Finding:
+def compare_row(
+    finding: Finding,
+    row: Row,
+    matrix: BaseMatrix,
+    geometry: Geometry,
+    precision: Precision,
+) -> Finding:
     """A claimed row with its agreement and what differs."""
     expected = combination(row, matrix)
-    differing = [c for c in sorted({*row, *expected}) if row.get(c, _ZERO) != expected.get(c, _ZERO)]
+    differing = [
+        c
+        for c in sorted({*row, *expected})
+        if row.get(c, _ZERO) != expected.get(c, _ZERO)
+    ]
     if not differing:
         return finding
     numeric = not any(value.symbols() for value in row.values())
     if numeric:
-        differing = [c for c in differing if not _same(row.get(c, _ZERO), expected.get(c, _ZERO), geometry)]
+        differing = [
+            c
+            for c in differing
+            if not _same(row.get(c, _ZERO), expected.get(c, _ZERO), geometry)
+        ]
         if not differing:
             return replace(finding, numeric=True)
     rounded = precision_of([finding.claim.text]).decimals is not None
     if precision.decimals is not None and (numeric or rounded):
         gaps = {c: _gap(c, row, expected, geometry) for c in differing}
-        allowed = zip(gaps.items(), _rounding(gaps, row, matrix, geometry, precision), strict=True)
+        allowed = zip(
+            gaps.items(), _rounding(gaps, row, matrix, geometry, precision), strict=True
+        )
         differing = [c for (c, gap), most in allowed if gap is None or abs(gap) > most]
         if not differing:
             largest = max(abs(gap or 0.0) for gap in gaps.values())
-            return replace(finding, agreement=Agreement.PRINTED_DIGITS, numeric=True, largest_difference=largest)
+            return replace(
+                finding,
+                agreement=Agreement.PRINTED_DIGITS,
+                numeric=True,
+                largest_difference=largest,
+            )
     differences = tuple(
         TermDifference(
             matrix.parameters[c],
@@ -124,30 +162,53 @@ def compare_row(finding: Finding, row: Row, matrix: BaseMatrix, geometry: Geomet
 def combination(row: Row, matrix: BaseMatrix) -> dict[int, RationalFunction]:
     """The member of the row space of B that has a row's coefficients at the pivots."""
     exact = dict(zip(matrix.pivots, matrix.rows, strict=True))
-    total = substituted({pivot: row[pivot] for pivot in matrix.pivots if pivot in row}, exact)
+    total = substituted(
+        {pivot: row[pivot] for pivot in matrix.pivots if pivot in row}, exact
+    )
     return {column: value for column, value in total.items() if value}
 
 
-def _same(claimed: RationalFunction, expected: RationalFunction, geometry: Geometry) -> bool:
+def _same(
+    claimed: RationalFunction, expected: RationalFunction, geometry: Geometry
+) -> bool:
     left, right = geometry.exactly(claimed), geometry.exactly(expected)
     return left is not None and left == right
 
 
 def _gap(column: int, row: Row, expected: Row, geometry: Geometry) -> float | None:
-    left, right = (geometry.roughly(terms.get(column, _ZERO)) for terms in (row, expected))
+    left, right = (
+        geometry.roughly(terms.get(column, _ZERO)) for terms in (row, expected)
+    )
     return None if left is None or right is None else left - right
 
 
-def _rounding(columns: Iterable[int], row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision) -> Floats:
+def _rounding(
+    columns: Iterable[int],
+    row: Row,
+    matrix: BaseMatrix,
+    geometry: Geometry,
+    precision: Precision,
+) -> Floats:
     """The most that rounding explains at some columns: of their coefficients, and of those that multiply rows of B."""
 
     def own(column: int) -> float:
         return precision.tolerance(geometry.roughly(row.get(column, _ZERO)) or 0.0)
 
     exact = zip(matrix.pivots, matrix.rows, strict=True)
-    inexact = [(own(p), other) for p, other in exact if p in row and row[p] not in (_ONE, -_ONE)]
+    inexact = [
+        (own(p), other)
+        for p, other in exact
+        if p in row and row[p] not in (_ONE, -_ONE)
+    ]
     return (1 + 1e-9) * np.array(
-        [own(c) + sum(off * abs(geometry.roughly(o.get(c, _ZERO)) or 0.0) for off, o in inexact) for c in columns]
+        [
+            own(c)
+            + sum(
+                off * abs(geometry.roughly(o.get(c, _ZERO)) or 0.0)
+                for off, o in inexact
+            )
+            for c in columns
+        ]
     )
 
 
@@ -168,7 +229,12 @@ class Span:
     missing: tuple[int, ...]  # rows of B that complete the claimed ones
 
 
-def span_exactly(rows: Sequence[Row], right: Sequence[int], matrix: BaseMatrix, rng: np.random.Generator) -> Span:
+def span_exactly(
+    rows: Sequence[Row],
+    right: Sequence[int],
+    matrix: BaseMatrix,
+    rng: np.random.Generator,
+) -> Span:
     """The span for generic geometry."""
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, _PRIME_BITS)
@@ -182,19 +248,36 @@ def span_exactly(rows: Sequence[Row], right: Sequence[int], matrix: BaseMatrix, 
 
 
 def span_roughly(
-    rows: Sequence[Row], right: Sequence[int], matrix: BaseMatrix, geometry: Geometry, tolerance: float
+    rows: Sequence[Row],
+    right: Sequence[int],
+    matrix: BaseMatrix,
+    geometry: Geometry,
+    tolerance: float,
 ) -> Span:
     """The span at the robot's geometry for coefficients that are known to a tolerance."""
-    values = np.array([[geometry.roughly(row.get(p, _ZERO)) or 0.0 for p in matrix.pivots] for row in rows])
+    values = np.array(
+        [
+            [geometry.roughly(row.get(p, _ZERO)) or 0.0 for p in matrix.pivots]
+            for row in rows
+        ]
+    )
     values = values.reshape(len(rows), matrix.rank)
     threshold = max(_NOISE, 4 * tolerance)
     independent = independent_columns(values[list(right)].T, threshold)
     return _span(right, independent, independent_columns(values, threshold), matrix)
 
 
-def _span(right: Sequence[int], independent: Sequence[int], seen: Sequence[int], matrix: BaseMatrix) -> Span:
+def _span(
+    right: Sequence[int],
+    independent: Sequence[int],
+    seen: Sequence[int],
+    matrix: BaseMatrix,
+) -> Span:
     redundant = set(right) - {right[k] for k in independent}
-    return Span(tuple(sorted(redundant)), tuple(k for k in range(matrix.rank) if k not in set(seen)))
+    return Span(
+        tuple(sorted(redundant)),
+        tuple(k for k in range(matrix.rank) if k not in set(seen)),
+    )
 
 
 def _residues(
@@ -202,7 +285,10 @@ def _residues(
 ) -> npt.NDArray[np.object_]:
     used = [row[p] for row in rows for p in matrix.pivots if p in row]
     generators = sorted({g for c in used for g in c.generators()})
-    symbols = {name: field.draw(rng, (1,)) for name in sorted({symbol_of(g) for g in generators})}
+    symbols = {
+        name: field.draw(rng, (1,))
+        for name in sorted({symbol_of(g) for g in generators})
+    }
     known = residues_at(generators, symbols, field)
     values = np.zeros((len(rows), matrix.rank), dtype=object)
     for i, row in enumerate(rows):

@@ -45,7 +45,9 @@ _HEADERS = (
 _COMMENT = re.compile(r"\s*(#|%|//).*$")
 _NAMED = re.compile(r"^\s*([^\W\d][\w .\[\]-]*?)\s*[=:]\s*(.+)$")
 _SCHEMA = "echelon.base-model/1"
-_DECIMAL = re.compile(r"(?<![\w.])(?:(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\w.])")
+_DECIMAL = re.compile(
+    r"(?<![\w.])(?:(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\w.])"
+)
 _MOST_DIGITS = 9
 
 
@@ -60,11 +62,15 @@ class Claim:
     columns: Mapping[str, str] = field(default_factory=dict)
 
 
-def read_claims(source: str | os.PathLike[str] | Sequence[str] | Mapping[str, str]) -> tuple[Claim, ...]:
+def read_claims(
+    source: str | os.PathLike[str] | Sequence[str] | Mapping[str, str],
+) -> tuple[Claim, ...]:
     """Claimed expressions from a file or from texts."""
     if isinstance(source, str | os.PathLike):
         return _read_file(Path(source))
-    claims = _from_json(source if isinstance(source, Mapping) else list(source), "claims")
+    claims = _from_json(
+        source if isinstance(source, Mapping) else list(source), "claims"
+    )
     if not claims:
         raise InputError("no base parameters are claimed")
     return claims
@@ -78,7 +84,10 @@ def _read_file(file: Path) -> tuple[Claim, ...]:
     else:
         claims = _from_table(text) if suffix in (".csv", ".tsv") else _from_lines(text)
     if not claims:
-        raise InputError("holds no base parameters: expected one expression per line", source=str(file))
+        raise InputError(
+            "holds no base parameters: expected one expression per line",
+            source=str(file),
+        )
     return claims
 
 
@@ -88,7 +97,13 @@ def _from_lines(text: str) -> tuple[Claim, ...]:
         content = _COMMENT.sub("", line).strip().rstrip(";,")
         named = _NAMED.match(content)
         if content:
-            claims.append(Claim(named[2] if named else content, f"line {number}", named[1] if named else None))
+            claims.append(
+                Claim(
+                    named[2] if named else content,
+                    f"line {number}",
+                    named[1] if named else None,
+                )
+            )
     return tuple(claims)
 
 
@@ -96,14 +111,22 @@ def _from_table(text: str) -> tuple[Claim, ...]:
     lines = text.splitlines()
     first = next((line for line in lines if line.strip()), "")
     delimiter = max(",;\t", key=first.count)
-    rows = [(n, [cell.strip() for cell in row]) for n, row in enumerate(csv.reader(lines, delimiter=delimiter), 1)]
+    rows = [
+        (n, [cell.strip() for cell in row])
+        for n, row in enumerate(csv.reader(lines, delimiter=delimiter), 1)
+    ]
     rows = [(n, row) for n, row in rows if any(row) and not _COMMENT.match(row[0])]
     if not rows:
         return ()
     titles = [cell.lower() for cell in rows[0][1]]
-    column = next((titles.index(header) for header in _HEADERS if header in titles), None)
+    column = next(
+        (titles.index(header) for header in _HEADERS if header in titles), None
+    )
     if column is None:
-        titles, column = [str(k + 1) for k in range(max(len(row) for _, row in rows))], 0
+        titles, column = (
+            [str(k + 1) for k in range(max(len(row) for _, row in rows))],
+            0,
+        )
     else:
         rows = rows[1:]
     claims = []
@@ -125,12 +148,19 @@ def _from_json(data: Any, source: str) -> tuple[Claim, ...]:
     elif isinstance(data, list):
         entries = [(None, value) for value in data]
     else:
-        raise InputError("expected a list of expressions or a mapping of names to expressions", source=source)
+        raise InputError(
+            "expected a list of expressions or a mapping of names to expressions",
+            source=source,
+        )
     claims = []
     for number, (name, value) in enumerate(entries, 1):
         where = f"entry {number}" if name is None else f"entry '{name}'"
         if not isinstance(value, str):
-            raise InputError(f"expected an expression as text, not {value!r:.40}", source=source, element=where)
+            raise InputError(
+                f"expected an expression as text, not {value!r:.40}",
+                source=source,
+                element=where,
+            )
         claims.append(Claim(value, where, name))
     return tuple(claims)
 
@@ -138,12 +168,16 @@ def _from_json(data: Any, source: str) -> tuple[Claim, ...]:
 def _from_base_model(data: Mapping[str, Any], source: str) -> tuple[Claim, ...]:
     """A file of :func:`echelon.save_base`: only its terms are used, nothing it says about itself."""
     if data["schema"] != _SCHEMA:
-        raise InputError(f"schema '{data['schema']}' is not a set of base parameters ({_SCHEMA})", source=source)
+        raise InputError(
+            f"schema '{data['schema']}' is not a set of base parameters ({_SCHEMA})",
+            source=source,
+        )
     try:
         return tuple(
             Claim(
                 " + ".join(
-                    f"({t['coefficient']})/({t.get('denominator', '1')})*{t['parameter']}" for t in row["terms"]
+                    f"({t['coefficient']})/({t.get('denominator', '1')})*{t['parameter']}"
+                    for t in row["terms"]
                 ),
                 f"base.{k}",
                 str(row["name"]),
@@ -151,14 +185,18 @@ def _from_base_model(data: Mapping[str, Any], source: str) -> tuple[Claim, ...]:
             for k, row in enumerate(data["base"])
         )
     except (KeyError, TypeError):
-        raise InputError(f"not a document of schema {_SCHEMA}", source=source, element="base") from None
+        raise InputError(
+            f"not a document of schema {_SCHEMA}", source=source, element="base"
+        ) from None
 
 
 @dataclass(frozen=True)
 class Precision:
     """Rounding of a set of decimals."""
 
-    decimals: int | None  # digits after the point; None where the set has no decimals, and every number is exact
+    decimals: (
+        int | None
+    )  # digits after the point; None where the set has no decimals, and every number is exact
     significant: int = 0  # significant digits
 
     @property
@@ -168,9 +206,14 @@ class Precision:
 
     def tolerance(self, value: float) -> float:
         """The largest difference between a printed value and the true one."""
-        if self.decimals is None or value == round(value):  # significant digits would be generous to 1.0
+        if self.decimals is None or value == round(
+            value
+        ):  # significant digits would be generous to 1.0
             return self.absolute
-        return max(self.absolute, 0.5 * 10.0 ** (floor(log10(abs(value))) + 1 - self.significant))
+        return max(
+            self.absolute,
+            0.5 * 10.0 ** (floor(log10(abs(value))) + 1 - self.significant),
+        )
 
     def __str__(self) -> str:
         return "exact" if self.decimals is None else f"{self.decimals} decimals"
@@ -182,15 +225,25 @@ def precision_of(texts: Iterable[str]) -> Precision:
     >>> precision_of(["Ixx2 - 1.0*Iyy2 - 0.050625*m3 + 0.07*mz3"])
     Precision(decimals=6, significant=5)
     """
-    found = [Decimal(match[0]).normalize().as_tuple() for text in texts for match in _DECIMAL.finditer(text)]
+    found = [
+        Decimal(match[0]).normalize().as_tuple()
+        for text in texts
+        for match in _DECIMAL.finditer(text)
+    ]
     decimals = max((-int(number.exponent) for number in found), default=0)
     significant = max((len(number.digits) for number in found), default=0)
-    return Precision(min(decimals, _MOST_DIGITS), min(significant, _MOST_DIGITS)) if decimals > 0 else Precision(None)
+    return (
+        Precision(min(decimals, _MOST_DIGITS), min(significant, _MOST_DIGITS))
+        if decimals > 0
+        else Precision(None)
+    )
 
 
 # -- expressions that are linear in the parameters ---------------------------------------------------------------------
 
-Terms = dict[str, RationalFunction]  # coefficients by parameter; the key "" holds the part without a parameter
+Terms = dict[
+    str, RationalFunction
+]  # coefficients by parameter; the key "" holds the part without a parameter
 
 _LARGEST_EXPONENT = 32
 _ONE = RationalFunction(1)
@@ -203,7 +256,9 @@ _FUNCTIONS = frozenset({"sin", "cos", "sqrt", "pi"})
 
 def plain_text(text: str) -> str:
     """An expression with the signs of formatted output (−, ·, ², √2, ^) in plain characters."""
-    text = _SUPERSCRIPT.sub(lambda found: f"**{found[0].translate(_PLAIN_DIGITS)}", text.translate(_SIGNS))
+    text = _SUPERSCRIPT.sub(
+        lambda found: f"**{found[0].translate(_PLAIN_DIGITS)}", text.translate(_SIGNS)
+    )
     text = re.sub(r"\b(sin|cos)\*\*(\d+)\(([^()]*)\)", r"\1(\3)**\2", text)
     return re.sub(r"√(\d)", r"sqrt(\1)", text).replace("^", "**")
 
@@ -217,8 +272,12 @@ def names_in(text: str) -> list[str]:
 class LinearReader:
     """Reads expressions."""
 
-    parameter: Callable[[str], str | None]  # for a name its standard parameter, or None if it is not one
-    symbol: Callable[[str], Polynomial]  # the value of any other name; raises ValueError if there is none
+    parameter: Callable[
+        [str], str | None
+    ]  # for a name its standard parameter, or None if it is not one
+    symbol: Callable[
+        [str], Polynomial
+    ]  # the value of any other name; raises ValueError if there is none
     data: bytes = b""  # the expression that is read
 
     def read(self, text: str) -> dict[str, RationalFunction]:
@@ -227,7 +286,9 @@ class LinearReader:
         try:
             terms = replace(self, data=python.encode())._terms(expression_tree(python))
         except (SyntaxError, RecursionError):
-            raise ValueError(f"'{text}' is not an expression such as XX2 - YY2 + 2*l1*MX3 - 0.0506*M3") from None
+            raise ValueError(
+                f"'{text}' is not an expression such as XX2 - YY2 + 2*l1*MX3 - 0.0506*M3"
+            ) from None
         except ZeroDivisionError:
             raise ValueError(f"'{text}' divides by zero") from None
         constant = terms.pop("", None)
@@ -245,7 +306,11 @@ class LinearReader:
                 return {"": RationalFunction(Polynomial.generator("pi"))}
             case ast.Name(id=name):
                 parameter = self.parameter(name)
-                return {parameter: _ONE} if parameter else {"": RationalFunction(self.symbol(name))}
+                return (
+                    {parameter: _ONE}
+                    if parameter
+                    else {"": RationalFunction(self.symbol(name))}
+                )
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return _scaled(self._terms(operand), RationalFunction(-1))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
@@ -280,13 +345,17 @@ class LinearReader:
         value = parse(self._source(node))
         for name in value.symbols():
             if self.symbol(name) != Polynomial.generator(name):
-                raise ValueError(f"'{name}' is defined by an expression and cannot stand in '{self._source(node)}'")
+                raise ValueError(
+                    f"'{name}' is defined by an expression and cannot stand in '{self._source(node)}'"
+                )
         return value
 
     def _coefficient(self, node: ast.expr) -> RationalFunction:
         terms = self._terms(node)
         if set(terms) - {""}:
-            raise ValueError(f"'{self._source(node)}' holds a standard parameter, which must be linear")
+            raise ValueError(
+                f"'{self._source(node)}' holds a standard parameter, which must be linear"
+            )
         return terms.get("", RationalFunction(0))
 
     def _power(self, base: ast.expr, exponent: ast.expr) -> RationalFunction:
@@ -294,7 +363,9 @@ class LinearReader:
         number = value.numerator.number if value.is_polynomial else None
         whole = isinstance(number, int | Fraction) and Fraction(number).denominator == 1
         if not whole or not 0 <= int(number) <= _LARGEST_EXPONENT:  # type: ignore[arg-type]
-            raise ValueError(f"only powers 0 to {_LARGEST_EXPONENT} are possible, not '{self._source(exponent)}'")
+            raise ValueError(
+                f"only powers 0 to {_LARGEST_EXPONENT} are possible, not '{self._source(exponent)}'"
+            )
         factor, result = self._coefficient(base), _ONE
         for _ in range(int(number)):  # type: ignore[arg-type]
             result = result * factor
@@ -313,7 +384,9 @@ def _product(left: Terms, right: Terms) -> Terms:
         return _scaled(right, left.get("", RationalFunction(0)))
     if set(right) <= {""}:
         return _scaled(left, right.get("", RationalFunction(0)))
-    raise ValueError(f"the product of {_first(left)} and {_first(right)} is not linear in the standard parameters")
+    raise ValueError(
+        f"the product of {_first(left)} and {_first(right)} is not linear in the standard parameters"
+    )
 
 
 def _first(terms: Terms) -> str:
@@ -330,8 +403,12 @@ class Naming:
     """One program's way of writing standard parameters."""
 
     name: str
-    inertial: tuple[tuple[str, ...], ...]  # patterns of XX … M; ``{}`` stands for a body's label, name, or joint
-    effects: Mapping[str, tuple[str, ...]]  # patterns of the usual drive parameters by their kind here: Ia, Fv, Fc, Fo
+    inertial: tuple[
+        tuple[str, ...], ...
+    ]  # patterns of XX … M; ``{}`` stands for a body's label, name, or joint
+    effects: Mapping[
+        str, tuple[str, ...]
+    ]  # patterns of the usual drive parameters by their kind here: Ia, Fv, Fc, Fo
 
 
 def _spelled(kinds: str) -> tuple[tuple[str, ...], ...]:
@@ -362,7 +439,12 @@ NAMINGS: tuple[Naming, ...] = (
     Naming(
         "pinocchio",
         _spelled("Ixx Ixy Ixz Iyy Iyz Izz mx my mz m"),
-        {"Ia": ("Ia{}", "Ia_{}"), "Fv": ("fv{}", "fv_{}"), "Fc": ("fs{}", "fs_{}"), "Fo": ("off{}", "off_{}")},
+        {
+            "Ia": ("Ia{}", "Ia_{}"),
+            "Fv": ("fv{}", "fv_{}"),
+            "Fc": ("fs{}", "fs_{}"),
+            "Fo": ("off{}", "off_{}"),
+        },
     ),
 )
 
@@ -381,13 +463,19 @@ def vocabulary(naming: Naming, model: BaseModel) -> dict[str, str]:
         if column.body is not None and column.kind is not None:
             patterns = naming.inertial[column.kind]
             words.update(
-                (p.format(i), column.name) for k in sharing[column.body] for i in identifiers[k] for p in patterns
+                (p.format(i), column.name)
+                for k in sharing[column.body]
+                for i in identifiers[k]
+                for p in patterns
             )
         else:
             words[column.name] = column.name
             found = re.fullmatch(r"(Ia|Fv|Fc|Fo)(.+)", column.name)
             if found:
-                words.update((pattern.format(found[2]), column.name) for pattern in naming.effects[found[1]])
+                words.update(
+                    (pattern.format(found[2]), column.name)
+                    for pattern in naming.effects[found[1]]
+                )
     return words
 
 
@@ -397,17 +485,33 @@ def _identifiers(model: BaseModel) -> list[list[str]]:
     labels = {body.label for body in bodies}
     given = [name for body in bodies for name in {body.name, body.joint.name}]
     return [
-        [b.label, *(n for n in sorted({b.name, b.joint.name}) if given.count(n) == 1 and n not in labels)]
+        [
+            b.label,
+            *(
+                n
+                for n in sorted({b.name, b.joint.name})
+                if given.count(n) == 1 and n not in labels
+            ),
+        ]
         for b in bodies
     ]
 
 
-def find_naming(texts: Sequence[str], model: BaseModel, wanted: str = AUTO) -> tuple[Naming, dict[str, str]]:
+def find_naming(
+    texts: Sequence[str], model: BaseModel, wanted: str = AUTO
+) -> tuple[Naming, dict[str, str]]:
     """The naming that expressions are written in, with its vocabulary."""
     if wanted not in (AUTO, *NAMES):
-        raise InputError(f"unknown naming '{wanted}' (valid: {', '.join((AUTO, *NAMES))})")
-    candidates = [(n, vocabulary(n, model)) for n in NAMINGS if wanted in (AUTO, n.name)]
-    return max(candidates, key=lambda candidate: sum(_known(text, candidate[1]) for text in texts))
+        raise InputError(
+            f"unknown naming '{wanted}' (valid: {', '.join((AUTO, *NAMES))})"
+        )
+    candidates = [
+        (n, vocabulary(n, model)) for n in NAMINGS if wanted in (AUTO, n.name)
+    ]
+    return max(
+        candidates,
+        key=lambda candidate: sum(_known(text, candidate[1]) for text in texts),
+    )
 
 
 def _known(text: str, words: Mapping[str, str]) -> int:
@@ -418,14 +522,18 @@ def _known(text: str, words: Mapping[str, str]) -> int:
 def plain_words(text: str, words: Iterable[str]) -> tuple[str, dict[str, str]]:
     """A text whose words are all identifiers, and for every word that was replaced the original."""
     # bodies may have names such as `panda-link1`, which an expression would take for a difference
-    odd = sorted((w for w in words if not w.isidentifier() and w in text), key=len, reverse=True)
+    odd = sorted(
+        (w for w in words if not w.isidentifier() and w in text), key=len, reverse=True
+    )
     stands_for = {f"word_{k}_": word for k, word in enumerate(odd)}
     for placeholder, word in stands_for.items():
         text = text.replace(word, placeholder)
     return text, stands_for
 
 
-def unknown_token(token: str, naming: Naming, words: Iterable[str], symbols: Iterable[str]) -> str:
+def unknown_token(
+    token: str, naming: Naming, words: Iterable[str], symbols: Iterable[str]
+) -> str:
     """What is wrong with a token that is neither a parameter nor a symbol, and what would be valid."""
     valid = [*words, *symbols]
     plain = re.sub(r"^([A-Z]+)R(?=\w)", r"\1", token)

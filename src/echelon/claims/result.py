@@ -50,7 +50,9 @@ class TermDifference:
     parameter: str
     claimed: str  # coefficients; "0" where there is no such term
     expected: str  # coefficients; "0" where there is no such term
-    difference: float | None  # claimed minus expected at the robot's geometry, if that is known
+    difference: (
+        float | None
+    )  # claimed minus expected at the robot's geometry, if that is known
 
     def __str__(self) -> str:
         if self.expected == "0":
@@ -70,7 +72,9 @@ class Witness:
     # ``q``, ``qd``, ``qdd`` of an example, in the order of the mechanism's coordinates; ``i[name]`` for measured inputs
     state: Mapping[str, tuple[float, ...]]
     outputs: Mapping[str, float]  # change of the outputs in that state
-    symbols: Mapping[str, float] = field(default_factory=dict)  # values that were assumed for symbols without one
+    symbols: Mapping[str, float] = field(
+        default_factory=dict
+    )  # values that were assumed for symbols without one
 
 
 @dataclass(frozen=True)
@@ -82,9 +86,15 @@ class Finding:
     agreement: Agreement = Agreement.EXACT
     numeric: bool = False  # whether it agrees at the robot's lengths only, because it states numbers
     redundant: bool = False  # whether it depends on the rows before it
-    differences: tuple[TermDifference, ...] = ()  # what is wrong with it; empty unless the agreement is ``WRONG``
-    largest_difference: float = 0.0  # largest difference of a coefficient that is within the printed digits
-    witness: Witness | None = None  # for a wrong row: a change that no output sees, but this row does
+    differences: tuple[
+        TermDifference, ...
+    ] = ()  # what is wrong with it; empty unless the agreement is ``WRONG``
+    largest_difference: float = (
+        0.0  # largest difference of a coefficient that is within the printed digits
+    )
+    witness: Witness | None = (
+        None  # for a wrong row: a change that no output sees, but this row does
+    )
 
 
 @dataclass(frozen=True)
@@ -141,7 +151,11 @@ class Audit:
             return Verdict.INCOMPLETE
         if any(finding.redundant for finding in self.findings):
             return Verdict.REDUNDANT
-        return Verdict.EQUAL_TO_PRINTED_DIGITS if Agreement.PRINTED_DIGITS in agreements else Verdict.EQUAL
+        return (
+            Verdict.EQUAL_TO_PRINTED_DIGITS
+            if Agreement.PRINTED_DIGITS in agreements
+            else Verdict.EQUAL
+        )
 
     @property
     def numeric(self) -> bool:
@@ -160,7 +174,9 @@ class Audit:
         ----------
         agreement : Agreement
         """
-        return tuple(finding for finding in self.findings if finding.agreement is agreement)
+        return tuple(
+            finding for finding in self.findings if finding.agreement is agreement
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The audit as JSON-able data, schema ``echelon.audit/1``."""
@@ -175,7 +191,10 @@ class Audit:
             "precision": self.precision,
             "numeric": self.numeric,
             "rows": [_finding(finding) for finding in self.findings],
-            "missing": [{"expression": str(m.expression), "witness": _witness(m.witness)} for m in self.missing],
+            "missing": [
+                {"expression": str(m.expression), "witness": _witness(m.witness)}
+                for m in self.missing
+            ],
             "ignored": [claim.text for claim in self.ignored],
             "notes": list(self.notes),
         }
@@ -191,10 +210,18 @@ class Audit:
         for finding in self.of(Agreement.WRONG):
             lines += ["", f"wrong: {_title(finding)}"]
             lines += [f"  {text}" for text in (*finding.differences, *_proof(finding))]
-        redundant = [f"redundant: {_title(finding)}" for finding in self.findings if finding.redundant]
+        redundant = [
+            f"redundant: {_title(finding)}"
+            for finding in self.findings
+            if finding.redundant
+        ]
         lines += ["", *redundant] if redundant else []
         for missing in self.missing:
-            lines += ["", f"missing: {missing.expression}", *(f"  {text}" for text in _blindness(missing))]
+            lines += [
+                "",
+                f"missing: {missing.expression}",
+                *(f"  {text}" for text in _blindness(missing)),
+            ]
         return "\n".join(one_line(line) for line in lines) + "\n"
 
     def __str__(self) -> str:
@@ -212,20 +239,29 @@ def _counts(audit: Audit) -> list[str]:
         texts.append(f"{len(exact)} exact{place}")
     if rounded:
         largest = max(finding.largest_difference for finding in rounded)
-        texts.append(f"{len(rounded)} agree to the printed digits (largest difference {largest:.2g})")
+        texts.append(
+            f"{len(rounded)} agree to the printed digits (largest difference {largest:.2g})"
+        )
     wrong = audit.of(Agreement.WRONG)
     texts += [f"{len(wrong)} wrong"] * bool(wrong)
     redundant = [finding for finding in audit.findings if finding.redundant]
     texts += [f"{len(redundant)} redundant"] * bool(redundant)
-    lines = [f"rows: {', '.join(texts)}", *([f"missing: {len(audit.missing)}"] if audit.missing else [])]
+    lines = [
+        f"rows: {', '.join(texts)}",
+        *([f"missing: {len(audit.missing)}"] if audit.missing else []),
+    ]
     if audit.ignored:
-        lines.append(f"ignored: {len(audit.ignored)} rows ({', '.join(claim.text for claim in audit.ignored)})")
+        lines.append(
+            f"ignored: {len(audit.ignored)} rows ({', '.join(claim.text for claim in audit.ignored)})"
+        )
     return lines + [f"note: {note}" for note in audit.notes]
 
 
 def _title(finding: Finding) -> str:
     name = f"{finding.claim.name} = " if finding.claim.name else ""
-    text = one_line(f"row {finding.number} ({finding.claim.where}): {name}{finding.claim.text}")
+    text = one_line(
+        f"row {finding.number} ({finding.claim.where}): {name}{finding.claim.text}"
+    )
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"
 
 
@@ -241,15 +277,28 @@ def _proof(finding: Finding) -> list[str]:
 
 def _blindness(missing: Missing) -> list[str]:
     witness = missing.witness
-    shown = {name: ", ".join(f"{value + 0.0:.4g}" for value in values) for name, values in witness.state.items()}
+    shown = {
+        name: ", ".join(f"{value + 0.0:.4g}" for value in values)
+        for name, values in witness.state.items()
+    }
     state = ", ".join(f"{name} = ({text})" for name, text in shown.items())
-    outputs = ", ".join(f"{name} by {value:.6g}" for name, value in witness.outputs.items() if value)
-    return [f"witness: add {_change(witness)}", f"no claimed row changes, but the outputs do: {outputs}", f"at {state}"]
+    outputs = ", ".join(
+        f"{name} by {value:.6g}" for name, value in witness.outputs.items() if value
+    )
+    return [
+        f"witness: add {_change(witness)}",
+        f"no claimed row changes, but the outputs do: {outputs}",
+        f"at {state}",
+    ]
 
 
 def _change(witness: Witness) -> str:
-    change = ", ".join(f"{value:+.6g} to {name}" for name, value in witness.change.items())
-    assumed = ", ".join(f"{name} = {value:g}" for name, value in witness.symbols.items())
+    change = ", ".join(
+        f"{value:+.6g} to {name}" for name, value in witness.change.items()
+    )
+    assumed = ", ".join(
+        f"{name} = {value:g}" for name, value in witness.symbols.items()
+    )
     return f"{change} (with {assumed})" if assumed else change
 
 
@@ -270,4 +319,6 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 
 def _witness(witness: Witness) -> dict[str, Any]:
-    return asdict(witness) | {"claimed": {str(number): value for number, value in witness.claimed.items()}}
+    return asdict(witness) | {
+        "claimed": {str(number): value for number, value in witness.claimed.items()}
+    }

@@ -8,7 +8,10 @@ __all__ = ["main"]
 def main() -> None:
     """Run the command line and exit with its code."""
     try:
-        from echelon.cli.process import leave, prepare  # nothing slow, so that signals find an answer early
+        from echelon.cli.process import (
+            leave,
+            prepare,
+        )  # nothing slow, so that signals find an answer early
 
         prepare()
     except KeyboardInterrupt:

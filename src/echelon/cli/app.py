@@ -29,7 +29,12 @@ class _Commands(TyperGroup):
             return super().invoke(ctx)
 
 
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say on standard error what is done, and when.")]
+Verbose = Annotated[
+    bool,
+    typer.Option(
+        "--verbose", "-v", help="Say on standard error what is done, and when."
+    ),
+]
 
 
 class _Application(typer.Typer):
@@ -48,7 +53,9 @@ def _with_verbosity(command: Command) -> Command:
         return command(**given)
 
     own = signature(command, eval_str=True).parameters.values()
-    last = Parameter("verbose", Parameter.KEYWORD_ONLY, annotation=Verbose, default=False)
+    last = Parameter(
+        "verbose", Parameter.KEYWORD_ONLY, annotation=Verbose, default=False
+    )
     return with_parameters(run, command, [*own, last])
 
 
@@ -56,15 +63,23 @@ def _with_verbosity(command: Command) -> Command:
 def _readers_may_leave() -> Iterator[None]:
     try:
         yield
-    except BrokenPipeError:  # nothing more can be written, not even what is still in the buffer
+    except (
+        BrokenPipeError
+    ):  # nothing more can be written, not even what is still in the buffer
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit from None
 
 
 def application(name: str, text: str, **more: Any) -> typer.Typer:
     """The application, or a group of its commands."""
-    more |= {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
-    return _Application(name=name, cls=_Commands, help=text, no_args_is_help=True, **more)
+    more |= {
+        "add_completion": False,
+        "pretty_exceptions_enable": False,
+        "rich_markup_mode": None,
+    }
+    return _Application(
+        name=name, cls=_Commands, help=text, no_args_is_help=True, **more
+    )
 
 
 app = application(
@@ -85,30 +100,57 @@ def _version(show: bool) -> None:
 
 @app.callback()
 def _root(
-    traceback: Annotated[bool, typer.Option("--traceback", help="Show the full traceback of errors.")] = False,
-    _: Annotated[bool, typer.Option("--version", help="Show the version.", callback=_version)] = False,
+    traceback: Annotated[
+        bool, typer.Option("--traceback", help="Show the full traceback of errors.")
+    ] = False,
+    _: Annotated[
+        bool, typer.Option("--version", help="Show the version.", callback=_version)
+    ] = False,
 ) -> None:
     if traceback:
         os.environ["ECHELON_TRACEBACK"] = "1"
 
 
-Robot = Annotated[Path, typer.Argument(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")]
-Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")]
+Robot = Annotated[
+    Path, typer.Argument(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")
+]
+Output = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", help="File to write instead of the terminal."),
+]
 Force = Annotated[
-    bool, typer.Option("--force", help="Replace files that are read, or that no earlier command wrote, as well.")
+    bool,
+    typer.Option(
+        "--force",
+        help="Replace files that are read, or that no earlier command wrote, as well.",
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
-Ordering = Annotated[Order, typer.Option(help="Which parameters become representatives.")]
+Ordering = Annotated[
+    Order, typer.Option(help="Which parameters become representatives.")
+]
 Prefer = Annotated[
-    list[str] | None, typer.Option(help="A parameter (M7) or kind (MX) wanted as representative; may be repeated.")
+    list[str] | None,
+    typer.Option(
+        help="A parameter (M7) or kind (MX) wanted as representative; may be repeated."
+    ),
 ]
 Budget = Annotated[
-    float, typer.Option(min=0, help="Work for closed forms (0: numbers only) or sensor subsets; 1 is a few seconds.")
+    float,
+    typer.Option(
+        min=0,
+        help="Work for closed forms (0: numbers only) or sensor subsets; 1 is a few seconds.",
+    ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")]
 
 Floating = Annotated[bool, typer.Option(help="Let the root link float.")]
-Gravity = Annotated[str, typer.Option(help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'.")]
+Gravity = Annotated[
+    str,
+    typer.Option(
+        help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'."
+    ),
+]
 SnapTolerance = Annotated[
     float | None,
     typer.Option(
@@ -117,8 +159,14 @@ SnapTolerance = Annotated[
         "[default: 0.002]",
     ),
 ]
-KeepFixedLinks = Annotated[bool, typer.Option("--keep-fixed-links", help="Keep links fixed to others as bodies.")]
-Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
+KeepFixedLinks = Annotated[
+    bool,
+    typer.Option("--keep-fixed-links", help="Keep links fixed to others as bodies."),
+]
+Massless = Annotated[
+    list[str] | None,
+    typer.Option(help="A link that carries no parameters; may be repeated."),
+]
 
 Ignore = Annotated[
     list[str] | None,
@@ -138,26 +186,45 @@ _READING: dict[str, tuple[Any, Any]] = {
     "ignore": (Ignore, None),
     "mimic": (
         Annotated[
-            Literal["coupled", "independent"], typer.Option(help="Respect mimic joints, or treat them as independent.")
+            Literal["coupled", "independent"],
+            typer.Option(help="Respect mimic joints, or treat them as independent."),
         ],
         "coupled",
     ),
     "numeric": (
-        Annotated[bool, typer.Option("--numeric", help="Numbers throughout, for every symbol that has a value.")],
+        Annotated[
+            bool,
+            typer.Option(
+                "--numeric",
+                help="Numbers throughout, for every symbol that has a value.",
+            ),
+        ],
         False,
     ),
     "symbols": (
         Annotated[
-            Literal["shared", "separate"], typer.Option(help="Whether equal magnitudes of a robot file share a symbol.")
+            Literal["shared", "separate"],
+            typer.Option(
+                help="Whether equal magnitudes of a robot file share a symbol."
+            ),
         ],
         "shared",
     ),
     "model": (
-        Annotated[str, typer.Option("--model", help="Name of the model, if several of an SDF file have joints.")],
+        Annotated[
+            str,
+            typer.Option(
+                "--model",
+                help="Name of the model, if several of an SDF file have joints.",
+            ),
+        ],
         "",
     ),
     "measured": (
-        Annotated[Measured, typer.Option(help="Forces of all drives, or the sensors of an MJCF file.")],
+        Annotated[
+            Measured,
+            typer.Option(help="Forces of all drives, or the sensors of an MJCF file."),
+        ],
         "drives",
     ),
 }
@@ -170,7 +237,12 @@ Command = Callable[..., Any]
 def reads_robot(*names: str) -> Callable[[Command], Command]:
     """Put options of reading in the place of a command's argument ``read``, which gets keywords of ``echelon.load``."""
     options = [
-        Parameter(name, Parameter.KEYWORD_ONLY, annotation=_READING[name][0], default=_READING[name][1])
+        Parameter(
+            name,
+            Parameter.KEYWORD_ONLY,
+            annotation=_READING[name][0],
+            default=_READING[name][1],
+        )
         for name in names
     ]
 
@@ -180,12 +252,18 @@ def reads_robot(*names: str) -> Callable[[Command], Command]:
             return command(**given, read=read)
 
         own = signature(command, eval_str=True).parameters.values()
-        return with_parameters(run, command, [o for p in own for o in (options if p.name == "read" else [p])])
+        return with_parameters(
+            run,
+            command,
+            [o for p in own for o in (options if p.name == "read" else [p])],
+        )
 
     return extended
 
 
-def with_parameters(run: Command, command: Command, parameters: Iterable[Parameter]) -> Command:
+def with_parameters(
+    run: Command, command: Command, parameters: Iterable[Parameter]
+) -> Command:
     """A function that shows other parameters than it has, with the name and documentation of a command."""
     shown = [parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in parameters]
     run.__name__, run.__doc__ = command.__name__, command.__doc__
@@ -199,7 +277,10 @@ def reading(**given: Any) -> dict[str, Any]:
     chosen = {name: default for name, (_, default) in _READING.items()} | given
     tolerance = chosen["snap_tolerance"]
     return {
-        **{name: chosen[name] for name in ("floating", "gravity", "keep_fixed_links", "measured", "model")},
+        **{
+            name: chosen[name]
+            for name in ("floating", "gravity", "keep_fixed_links", "measured", "model")
+        },
         "symbolic": not chosen["numeric"],
         "independent_mimics": chosen["mimic"] == "independent",
         "massless": tuple(chosen["massless"] or ()),

@@ -15,7 +15,18 @@ from typing import Annotated, Any, Literal
 import typer
 
 from echelon.choices import Estimator, ValuesToUse
-from echelon.cli.app import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, app, reads_robot
+from echelon.cli.app import (
+    AsJson,
+    Budget,
+    Force,
+    Ordering,
+    Output,
+    Prefer,
+    Robot,
+    Seed,
+    app,
+    reads_robot,
+)
 from echelon.cli.screen import json_text, show
 from echelon.errors import InputError, one_line
 from echelon.machine.target import VARIABLES
@@ -45,42 +56,78 @@ Formulas = Literal["latex", "sympy"]
 def derive(
     robot: Robot,
     read: dict[str, Any],
-    output_format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")] = "text",
-    as_json: Annotated[bool, typer.Option("--json", help="Short for --format json.")] = False,
+    output_format: Annotated[
+        Format, typer.Option("--format", "-f", help="What to write.")
+    ] = "text",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Short for --format json.")
+    ] = False,
     output: Output = None,
     force: Force = False,
     order: Ordering = "base-to-tip",
     prefer: Prefer = None,
     generic: Annotated[
-        bool, typer.Option("--generic", help="Answer for general values of the symbols, not for the stated ones.")
+        bool,
+        typer.Option(
+            "--generic",
+            help="Answer for general values of the symbols, not for the stated ones.",
+        ),
     ] = False,
-    rank_only: Annotated[bool, typer.Option("--rank-only", help="Instead: only the rank and representatives.")] = False,
+    rank_only: Annotated[
+        bool,
+        typer.Option("--rank-only", help="Instead: only the rank and representatives."),
+    ] = False,
     special: Annotated[
-        bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
+        bool,
+        typer.Option(
+            "--special",
+            help="Instead: special geometry and gravity where the number changes.",
+        ),
     ] = False,
     compare_numeric: Annotated[
-        bool, typer.Option("--compare-numeric", help="Instead: the ranks that SVD and QR give, beside the exact one.")
+        bool,
+        typer.Option(
+            "--compare-numeric",
+            help="Instead: the ranks that SVD and QR give, beside the exact one.",
+        ),
     ] = False,
     regressor: Annotated[
-        Formulas | None, typer.Option("--regressor", help="Instead: the base regressor as formulas.")
+        Formulas | None,
+        typer.Option("--regressor", help="Instead: the base regressor as formulas."),
     ] = None,
     full: Annotated[
-        bool, typer.Option("--full", help="Print every formula; those of more than 12 terms are numbers otherwise.")
+        bool,
+        typer.Option(
+            "--full",
+            help="Print every formula; those of more than 12 terms are numbers otherwise.",
+        ),
     ] = False,
     seed: Seed = None,
     budget: Budget = 1.0,
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
     chosen: Format = "json" if as_json else output_format
-    instead = {"--rank-only": rank_only, "--special": special, "--compare-numeric": compare_numeric}
-    asked = [name for name, wanted in {**instead, "--regressor": regressor is not None}.items() if wanted]
+    instead = {
+        "--rank-only": rank_only,
+        "--special": special,
+        "--compare-numeric": compare_numeric,
+    }
+    asked = [
+        name
+        for name, wanted in {**instead, "--regressor": regressor is not None}.items()
+        if wanted
+    ]
     if len(asked) > 1:
-        raise typer.BadParameter(f"{' and '.join(asked)} exclude each other: each prints something else")
+        raise typer.BadParameter(
+            f"{' and '.join(asked)} exclude each other: each prints something else"
+        )
     if regressor is not None and chosen != "text":
         raise typer.BadParameter("--regressor prints formulas and takes no --format")
     ordered = prefer or order != "base-to-tip"
     if asked and regressor is None and (ordered or chosen in ("latex", "markdown")):
-        raise typer.BadParameter(f"{asked[0]} prints numbers; it takes no --order, --prefer, LaTeX or Markdown")
+        raise typer.BadParameter(
+            f"{asked[0]} prints numbers; it takes no --order, --prefer, LaTeX or Markdown"
+        )
 
     from echelon.cli import derive
     from echelon.cli.destination import output_file
@@ -93,9 +140,13 @@ def derive(
     elif special:
         derive.run_special(robot, read, target, seed, as_json=chosen == "json")
     elif rank_only:
-        derive.run_rank_only(robot, read, target, seed, generic=generic, as_json=chosen == "json")
+        derive.run_rank_only(
+            robot, read, target, seed, generic=generic, as_json=chosen == "json"
+        )
     else:
-        derive.run_derive(robot, chosen, regressor, read, derivation, target, seed, budget, full=full)
+        derive.run_derive(
+            robot, chosen, regressor, read, derivation, target, seed, budget, full=full
+        )
 
 
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")
@@ -103,7 +154,9 @@ def derive(
 def sensors(
     robot: Robot,
     read: dict[str, Any],
-    size: Annotated[int, typer.Option(min=1, max=6, help="List all subsets up to this size.")] = 1,
+    size: Annotated[
+        int, typer.Option(min=1, max=6, help="List all subsets up to this size.")
+    ] = 1,
     as_json: AsJson = False,
     seed: Seed = None,
     budget: Budget = 1.0,
@@ -116,13 +169,27 @@ def sensors(
     from echelon.cli.derive import run_sensors
     from echelon.exact.field import DEFAULT_SEED
 
-    run_sensors(robot, size, read, DEFAULT_SEED if seed is None else seed, budget, as_json=as_json)
+    run_sensors(
+        robot,
+        size,
+        read,
+        DEFAULT_SEED if seed is None else seed,
+        budget,
+        as_json=as_json,
+    )
 
 
 @app.command(epilog="Example: echelon setup arm.urdf log.csv -o setup.yaml")
 def setup(
-    robot: Annotated[Path, typer.Argument(help="URDF, SDF, MJCF, or a description that says nothing of logs.")],
-    logs: Annotated[list[Path], typer.Argument(help="One log, or files of one that share a clock.")],
+    robot: Annotated[
+        Path,
+        typer.Argument(
+            help="URDF, SDF, MJCF, or a description that says nothing of logs."
+        ),
+    ],
+    logs: Annotated[
+        list[Path], typer.Argument(help="One log, or files of one that share a clock.")
+    ],
     output: Output = None,
     force: Force = False,
 ) -> None:
@@ -136,44 +203,87 @@ def setup(
     run_setup(robot, logs, output_file(output, force))
 
 
-@app.command(epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore", "model")
+@app.command(
+    epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/"
+)
+@reads_robot(
+    "floating",
+    "gravity",
+    "snap_tolerance",
+    "keep_fixed_links",
+    "massless",
+    "ignore",
+    "model",
+)
 def identify(
-    setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
+    setup: Annotated[
+        Path,
+        typer.Argument(
+            help="Robot description with its measurement set-up; or URDF, MJCF."
+        ),
+    ],
     logs: Annotated[
         list[Path],
-        typer.Argument(help="CSV, Parquet, NPZ, MAT, HDF5, ROS bag or MCAP; a directory stands for all logs in it."),
+        typer.Argument(
+            help="CSV, Parquet, NPZ, MAT, HDF5, ROS bag or MCAP; a directory stands for all logs in it."
+        ),
     ],
     read: dict[str, Any],
     validate: Annotated[
-        list[Path] | None, typer.Option("--validate", help="A log the fit does not see; may be repeated.")
+        list[Path] | None,
+        typer.Option("--validate", help="A log the fit does not see; may be repeated."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Directory for model, report, robot file and code.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Directory for model, report, robot file and code."
+        ),
     ] = None,
     force: Force = False,
     prior: Annotated[
-        Path | None, typer.Option(help="The same robot with prior inertial values (URDF, MJCF, description).")
+        Path | None,
+        typer.Option(
+            help="The same robot with prior inertial values (URDF, MJCF, description)."
+        ),
     ] = None,
-    estimator: Annotated[Estimator | None, typer.Option(help="Instead of the one of the set-up.")] = None,
+    estimator: Annotated[
+        Estimator | None, typer.Option(help="Instead of the one of the set-up.")
+    ] = None,
     predict_with: Annotated[
-        ValuesToUse | None, typer.Option(help="Values that predictions use, instead of the set-up's.")
+        ValuesToUse | None,
+        typer.Option(help="Values that predictions use, instead of the set-up's."),
     ] = None,
     holdout: Annotated[
         float | None,
         typer.Option(
-            min=0, max=0.9, help="Share held out without --validate: of one log its end, of several the last."
+            min=0,
+            max=0.9,
+            help="Share held out without --validate: of one log its end, of several the last.",
         ),
     ] = None,
     physical: Annotated[
-        bool | None, typer.Option("--physical/--no-physical", help="Fit a physically consistent robot as well.")
+        bool | None,
+        typer.Option(
+            "--physical/--no-physical",
+            help="Fit a physically consistent robot as well.",
+        ),
     ] = None,
-    target: Annotated[str, typer.Option("--target", "-t", help="Language of the model's source, or none.")] = "c",
+    target: Annotated[
+        str,
+        typer.Option("--target", "-t", help="Language of the model's source, or none."),
+    ] = "c",
     dask: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, or a number of processes to start here.")
+        str | None,
+        typer.Option(
+            help="Address of a Dask scheduler, or a number of processes to start here."
+        ),
     ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Exit with 1, and the reasons, if the model should not be used.")
+        bool,
+        typer.Option(
+            "--check",
+            help="Exit with 1, and the reasons, if the model should not be used.",
+        ),
     ] = False,
     seed: Seed = None,
     as_json: AsJson = False,
@@ -185,21 +295,55 @@ def identify(
     from echelon.cli.destination import output_folder
     from echelon.cli.identify import run_identify
 
-    changed = {"estimator": estimator, "predict": predict_with, "holdout": holdout, "physical": physical, "seed": seed}
+    changed = {
+        "estimator": estimator,
+        "predict": predict_with,
+        "holdout": holdout,
+        "physical": physical,
+        "seed": seed,
+    }
     stated = {name: value for name, value in changed.items() if value is not None}
     folder = None if output is None else output_folder(output, force)
-    reasons = run_identify(setup, logs, validate or (), folder, prior, stated, read, target, dask, as_json=as_json)
+    reasons = run_identify(
+        setup,
+        logs,
+        validate or (),
+        folder,
+        prior,
+        stated,
+        read,
+        target,
+        dask,
+        as_json=as_json,
+    )
     if check and reasons:
         for reason in reasons:
-            typer.echo(f"echelon: the model should not be used: {one_line(reason)}", err=True)
+            typer.echo(
+                f"echelon: the model should not be used: {one_line(reason)}", err=True
+            )
         raise typer.Exit(1)
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore", "model")
+@reads_robot(
+    "floating",
+    "gravity",
+    "snap_tolerance",
+    "keep_fixed_links",
+    "massless",
+    "ignore",
+    "model",
+)
 def check(
-    setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
-    logs: Annotated[list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")],
+    setup: Annotated[
+        Path,
+        typer.Argument(
+            help="Robot description with its measurement set-up; or URDF, MJCF."
+        ),
+    ],
+    logs: Annotated[
+        list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")
+    ],
     read: dict[str, Any],
     as_json: AsJson = False,
 ) -> None:
@@ -209,12 +353,26 @@ def check(
     run_check(setup, logs, read, as_json=as_json)
 
 
-@app.command(epilog="Example: echelon predict result/model.json run3.parquet -o predicted.csv")
+@app.command(
+    epilog="Example: echelon predict result/model.json run3.parquet -o predicted.csv"
+)
 def predict(
-    model: Annotated[Path, typer.Argument(help="model.json that 'echelon identify' wrote.")],
-    log: Annotated[Path, typer.Argument(help="A log of positions; outputs are compared where it has them.")],
+    model: Annotated[
+        Path, typer.Argument(help="model.json that 'echelon identify' wrote.")
+    ],
+    log: Annotated[
+        Path,
+        typer.Argument(
+            help="A log of positions; outputs are compared where it has them."
+        ),
+    ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="CSV or Parquet file with time, predicted and measured.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="CSV or Parquet file with time, predicted and measured.",
+        ),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -234,7 +392,9 @@ Schema = Literal["description", "base-model", "linear-base", "identified", "traj
 
 @app.command(epilog="Example: echelon verify panda.json")
 def verify(
-    file: Annotated[Path, typer.Argument(help="JSON file written by 'derive --format json'.")],
+    file: Annotated[
+        Path, typer.Argument(help="JSON file written by 'derive --format json'.")
+    ],
     as_json: AsJson = False,
     seed: Seed = None,
 ) -> None:
@@ -248,19 +408,35 @@ def verify(
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
-@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links", "model")
+@reads_robot(
+    "floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links", "model"
+)
 def audit(
     robot: Robot,
-    claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
+    claimed: Annotated[
+        Path,
+        typer.Argument(
+            help="Base parameters to check: CSV, JSON, or one expression per line."
+        ),
+    ],
     read: dict[str, Any],
     naming: Annotated[
-        str, typer.Option(help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.")
+        str,
+        typer.Option(
+            help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio."
+        ),
     ] = "auto",
     define: Annotated[
-        list[str] | None, typer.Option(help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated."
+        ),
     ] = None,
     ignore: Annotated[
-        list[str] | None, typer.Option(help="Parameters that the robot file leaves out, 'fv*'; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            help="Parameters that the robot file leaves out, 'fv*'; may be repeated."
+        ),
     ] = None,
     as_json: AsJson = False,
     output: Output = None,
@@ -272,7 +448,13 @@ def audit(
     from echelon.formats.robot_file import load
 
     target, defined = output_file(output, force), _definitions(define or ())
-    found = audit(load(robot, **read), claimed, naming=naming, define=defined, ignore=tuple(ignore or ()))
+    found = audit(
+        load(robot, **read),
+        claimed,
+        naming=naming,
+        define=defined,
+        ignore=tuple(ignore or ()),
+    )
     deliver(json_text(found.to_dict()) if as_json else found.to_text(), target)
     raise typer.Exit(VALID if found.equal else REFUTED)
 
@@ -282,17 +464,28 @@ def _definitions(texts: Sequence[str]) -> dict[str, str]:
     parts = [text.partition("=") for text in texts]
     for text, (name, _, value) in zip(texts, parts, strict=True):
         if not name.strip().isidentifier() or not value.strip():
-            raise InputError(f"--define takes NAME=EXPRESSION, such as RL4=pz4 or L=0.45, not '{text}'")
+            raise InputError(
+                f"--define takes NAME=EXPRESSION, such as RL4=pz4 or L=0.45, not '{text}'"
+            )
     return {name.strip(): value.strip() for name, _, value in parts}
 
 
 @app.command(epilog="Example: echelon schema description > robot.schema.json")
-def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print.")]) -> None:
+def schema(
+    which: Annotated[Schema, typer.Argument(help="Which schema to print.")],
+) -> None:
     """Print the JSON schema of a file format."""
-    from echelon.results.schema import BaseModelRecord, IdentifiedRecord, LinearBaseRecord, json_schema
+    from echelon.results.schema import (
+        BaseModelRecord,
+        IdentifiedRecord,
+        LinearBaseRecord,
+        json_schema,
+    )
 
     if which == "description":
-        from echelon.formats.schema.robot_schema import json_schema as description_schema
+        from echelon.formats.schema.robot_schema import (
+            json_schema as description_schema,
+        )
 
         found = description_schema()
     elif which == "trajectory":
@@ -314,7 +507,9 @@ from echelon.cli import excite_commands, generate, zoo  # noqa: E402, F401  thei
 
 def run() -> None:
     """Run the command that the arguments name, and exit with its code."""
-    os.environ |= dict.fromkeys(VARIABLES, "1")  # before NumPy is imported; equal commands write equal bytes
+    os.environ |= dict.fromkeys(
+        VARIABLES, "1"
+    )  # before NumPy is imported; equal commands write equal bytes
     try:
         app()
     except KeyboardInterrupt:

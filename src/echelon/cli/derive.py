@@ -14,7 +14,13 @@ from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
 from echelon.base.numeric_comparison import NumericComparison, compare_numeric
-from echelon.base.reading_report import MimicRanks, doubt_of_loops, mechanism_notes, mimic_ranks, moved_to_close
+from echelon.base.reading_report import (
+    MimicRanks,
+    doubt_of_loops,
+    mechanism_notes,
+    mimic_ranks,
+    moved_to_close,
+)
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
@@ -45,8 +51,18 @@ def run_derive(
     started = perf_counter()
     title = f"deriving {file.name}"
     with steps(title) as step:
-        base = _base(file, read, {**derivation, "seed": seed}, budget, lambda phase: step(f"{title}: {phase}"))
-        text = _rendered(base, output_format if regressor is None else f"regressor as {regressor}", full=full)
+        base = _base(
+            file,
+            read,
+            {**derivation, "seed": seed},
+            budget,
+            lambda phase: step(f"{title}: {phase}"),
+        )
+        text = _rendered(
+            base,
+            output_format if regressor is None else f"regressor as {regressor}",
+            full=full,
+        )
     on_terminal = output is None and output_format == "text" and regressor is None
     if on_terminal and isinstance(base, BaseModel) and sys.stdout.isatty():
         from echelon.cli.terminal import print_model
@@ -59,13 +75,19 @@ def run_derive(
 
 
 def _base(
-    file: Path, read: Mapping[str, Any], derivation: Mapping[str, Any], budget: float, say: Callable[[str], None]
+    file: Path,
+    read: Mapping[str, Any],
+    derivation: Mapping[str, Any],
+    budget: float,
+    say: Callable[[str], None],
 ) -> BaseModel | LinearBase:
     say("reading, and closing loops")
     robot = load_model(file, **read)
     if isinstance(robot, LinearModel):
         return base_parameters(robot, **derivation, budget=budget)
-    if _numbers_in_balls(robot, symbolic=read["symbolic"], generic=derivation.get("generic", False)):
+    if _numbers_in_balls(
+        robot, symbolic=read["symbolic"], generic=derivation.get("generic", False)
+    ):
         budget = 0.0
     return base_parameters(robot, **derivation, budget=budget, progress=say)
 
@@ -73,7 +95,9 @@ def _base(
 def _numbers_in_balls(robot: Mechanism, *, symbolic: bool, generic: bool) -> bool:
     """Whether numbers are asked for throughout, and angles without exact sines are left as symbols."""
     left = all_symbols(robot)
-    stated = all(name in robot.symbols and robot.symbols[name].value is not None for name in left)
+    stated = all(
+        name in robot.symbols and robot.symbols[name].value is not None for name in left
+    )
     return bool(left) and stated and not generic and not symbolic
 
 
@@ -84,28 +108,52 @@ def _rendered(base: BaseModel | LinearBase, output_format: str, *, full: bool) -
         return to_text(base, full=full) + "\n"
     if output_format.startswith("regressor"):
         formulas = base.symbolic_regressor()
-        return formulas.latex() if output_format.endswith("latex") else formulas.python()
-    return to_latex(base, full=full) if output_format == "latex" else to_markdown(base, full=full)
+        return (
+            formulas.latex() if output_format.endswith("latex") else formulas.python()
+        )
+    return (
+        to_latex(base, full=full)
+        if output_format == "latex"
+        else to_markdown(base, full=full)
+    )
 
 
 Read = Mapping[str, Any]  # keyword arguments of ``echelon.load``
 
 
 def run_rank_only(
-    file: Path, read: Read, output: Destination | None, seed: int, *, generic: bool, as_json: bool
+    file: Path,
+    read: Read,
+    output: Destination | None,
+    seed: int,
+    *,
+    generic: bool,
+    as_json: bool,
 ) -> None:
     """Print or write the rank and the representatives."""
     with steps(f"deriving {file.name}"):
         robot, rng = load_model(file, **read), random_generator(seed)
         if isinstance(robot, LinearModel):
-            raise InputError("--rank-only is for robots; a linear model is always derived in closed form")
+            raise InputError(
+                "--rank-only is for robots; a linear model is always derived in closed form"
+            )
         answer = specialised(robot, rng, generic=generic)
         rank = answer.structure.rank if answer.special is None else answer.special.rank
         mimics, moved = mimic_ranks(robot, rank, rng), moved_to_close(robot)
-    deliver(_rank_json(answer, mimics, moved, seed) if as_json else _rank_text(answer, mimics, moved), output)
+    deliver(
+        _rank_json(answer, mimics, moved, seed)
+        if as_json
+        else _rank_text(answer, mimics, moved),
+        output,
+    )
 
 
-def _rank_json(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: Assembled | None, seed: int) -> str:
+def _rank_json(
+    answer: SpecialisedMechanism,
+    mimics: MimicRanks | None,
+    moved: Assembled | None,
+    seed: int,
+) -> str:
     robot, structure = answer.mechanism, answer.structure
     optional = {
         "special": answer.special and asdict(answer.special),
@@ -125,7 +173,9 @@ def _rank_json(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: A
     )
 
 
-def _rank_text(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: Assembled | None) -> str:
+def _rank_text(
+    answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: Assembled | None
+) -> str:
     robot, structure = answer.mechanism, answer.structure
     lines = [
         f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters",
@@ -145,7 +195,9 @@ def _rank_text(answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: A
     return "".join(f"{one_line(line)}\n" for line in lines)
 
 
-def run_special(file: Path, read: Read, output: Destination | None, seed: int, *, as_json: bool) -> None:
+def run_special(
+    file: Path, read: Read, output: Destination | None, seed: int, *, as_json: bool
+) -> None:
     """Try special geometries, then print or write where the rank changes."""
     with steps(f"trying special geometries of {file.name}"):
         robot = load(file, **read)
@@ -155,36 +207,64 @@ def run_special(file: Path, read: Read, output: Destination | None, seed: int, *
 
 
 def _special_text(name: str, found: SpecialGeometry) -> str:
-    lines = [f"{one_line(name)}: {found.rank} base parameters for generic values of its symbols"]
+    lines = [
+        f"{one_line(name)}: {found.rank} base parameters for generic values of its symbols"
+    ]
     width = max((len(case.condition) for case in found.cases), default=0)
-    lines += [f"  {one_line(case.condition):<{width}}  {case.rank}" for case in found.cases]
-    lines.append(f"{found.tried} conditions tried, one or two at a time; {len(found.cases)} change the number")
+    lines += [
+        f"  {one_line(case.condition):<{width}}  {case.rank}" for case in found.cases
+    ]
+    lines.append(
+        f"{found.tried} conditions tried, one or two at a time; {len(found.cases)} change the number"
+    )
     if found.left_out:
         lines.append(f"{found.left_out} pairs of conditions were not tried")
     return "\n".join(lines) + "\n"
 
 
-def run_compare_numeric(file: Path, read: Read, output: Destination | None, seed: int, *, as_json: bool) -> None:
+def run_compare_numeric(
+    file: Path, read: Read, output: Destination | None, seed: int, *, as_json: bool
+) -> None:
     """Count exactly and numerically, then print or write."""
     with steps(f"comparing ranks of {file.name}"):
         robot = load(file, **read)
         found = compare_numeric(robot, seed=seed)
-    deliver(_comparison_json(robot.name, found) if as_json else _comparison_text(robot.name, found), output)
+    deliver(
+        _comparison_json(robot.name, found)
+        if as_json
+        else _comparison_text(robot.name, found),
+        output,
+    )
 
 
 def _comparison_text(name: str, found: NumericComparison) -> str:
     numeric, rank = found.numeric, found.rank
-    literal = f" ({found.literal_rank} for the literal numbers of the file)" if found.literal_rank != rank else ""
+    literal = (
+        f" ({found.literal_rank} for the literal numbers of the file)"
+        if found.literal_rank != rank
+        else ""
+    )
     rows = [
         ("tolerance", [f"{t:.0e}" for t in numeric.tolerances]),
         ("singular values", [str(r) for r in numeric.ranks]),
         ("QR, pivoted", [str(r) for r in numeric.ranks_by_qr]),
     ]
-    lines = [f"{one_line(name)}: {rank} base parameters of {numeric.columns} standard parameters{literal}"]
-    lines += [f"  {title:<16}" + "".join(f"{cell:>8}" for cell in cells) for title, cells in rows]
+    lines = [
+        f"{one_line(name)}: {rank} base parameters of {numeric.columns} standard parameters{literal}"
+    ]
+    lines += [
+        f"  {title:<16}" + "".join(f"{cell:>8}" for cell in cells)
+        for title, cells in rows
+    ]
     widest = numeric.widest_gap(besides=rank)
-    elsewhere = f"; widest elsewhere: {widest[1]:.1e} at {widest[0]}" if widest is not None else ""
-    lines.append(f"gap in the singular values at {rank}: {numeric.gap(rank):.1e}{elsewhere}")
+    elsewhere = (
+        f"; widest elsewhere: {widest[1]:.1e} at {widest[0]}"
+        if widest is not None
+        else ""
+    )
+    lines.append(
+        f"gap in the singular values at {rank}: {numeric.gap(rank):.1e}{elsewhere}"
+    )
     return "\n".join([*lines, found.verdict]) + "\n"
 
 
@@ -202,38 +282,62 @@ def _comparison_json(name: str, found: NumericComparison) -> str:
             "svd": list(numeric.ranks),
             "qr": list(numeric.ranks_by_qr),
             "gap": gap if gap < float("inf") else None,
-            "widest_gap_elsewhere": None if widest is None else {"rank": widest[0], "gap": widest[1]},
+            "widest_gap_elsewhere": None
+            if widest is None
+            else {"rank": widest[0], "gap": widest[1]},
             "verdict": found.verdict,
             "singular_values": list(numeric.singular),
         }
     )
 
 
-def run_sensors(file: Path, size: int, read: Read, seed: int, budget: float, *, as_json: bool) -> None:
+def run_sensors(
+    file: Path, size: int, read: Read, seed: int, budget: float, *, as_json: bool
+) -> None:
     """Print what sensors see, alone and in subsets up to a size."""
     title = f"comparing the sensors of {file.name}"
     with steps(f"{title}: reading, and closing loops") as step:
         report = sensor_report(
-            load(file, **read), size, seed=seed, budget=budget, progress=lambda phase: step(f"{title}: {phase}")
+            load(file, **read),
+            size,
+            seed=seed,
+            budget=budget,
+            progress=lambda phase: step(f"{title}: {phase}"),
         )
     deliver(_sensors_json(report) if as_json else _sensors_text(report), None)
 
 
 def _sensors_json(report: SensorReport) -> str:
     record = asdict(report) | {"schema": "echelon.sensors/1"}
-    record["ranks"] = [{"sensors": list(subset), "rank": rank} for subset, rank in report.ranks.items()]
+    record["ranks"] = [
+        {"sensors": list(subset), "rank": rank} for subset, rank in report.ranks.items()
+    ]
     record["greedy"] = [{"sensor": name, "rank": rank} for name, rank in report.greedy]
     return json_text(record)
 
 
 def _sensors_text(report: SensorReport) -> str:
-    lines = [f"all {len(report.sensors)} sensors together see {report.rank} of {report.parameters} parameters", ""]
+    lines = [
+        f"all {len(report.sensors)} sensors together see {report.rank} of {report.parameters} parameters",
+        "",
+    ]
     titles = [" + ".join(one_line(name) for name in subset) for subset in report.ranks]
     width = max(map(len, ["sensors", *titles]))
     lines.append(f"{'sensors':<{width}}  rank")
-    lines += [f"{title:<{width}}  {rank:>4}" for title, rank in zip(titles, report.ranks.values(), strict=True)]
+    lines += [
+        f"{title:<{width}}  {rank:>4}"
+        for title, rank in zip(titles, report.ranks.values(), strict=True)
+    ]
     added = ", ".join(f"{one_line(name)} → {rank}" for name, rank in report.greedy)
-    kind = "smallest sufficient set" if report.proven_smallest else "sufficient set (perhaps not the smallest)"
+    kind = (
+        "smallest sufficient set"
+        if report.proven_smallest
+        else "sufficient set (perhaps not the smallest)"
+    )
     smallest = ", ".join(map(one_line, report.smallest)) or "none needed"
-    lines += ["", f"adding the most informative next: {added or 'nothing'}", f"{kind}: {smallest}"]
+    lines += [
+        "",
+        f"adding the most informative next: {added or 'nothing'}",
+        f"{kind}: {smallest}",
+    ]
     return "\n".join(lines) + "\n"

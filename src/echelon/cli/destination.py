@@ -56,17 +56,25 @@ class Destination:
     def write_into(self, contents: Mapping[str, str | bytes]) -> list[Path]:
         """Write files into the directory, which is made if need be: all of them or none; returns their paths."""
         self.check(contents)
-        with _remembered({self.path / name: content for name, content in contents.items()}):
+        with _remembered(
+            {self.path / name: content for name, content in contents.items()}
+        ):
             return written_into(self.path, contents)
 
     def _protect(self, paths: Iterable[Path]) -> None:
         targets = [target_of(path) for path in paths]
-        problems = [(target, problem) for target in targets if not self.force and (problem := _problem(target))]
+        problems = [
+            (target, problem)
+            for target in targets
+            if not self.force and (problem := _problem(target))
+        ]
         if problems:
             (target, problem), *others = problems
             more = f" (and {len(others)} more)" if others else ""
             advice = "choose another place, or replace it with --force"
-            raise InputError(f"{problem}{more}; {advice}", source=one_line(target.shown))
+            raise InputError(
+                f"{problem}{more}; {advice}", source=one_line(target.shown)
+            )
 
 
 def output_folder(path: Path, force: bool) -> Destination:
@@ -114,12 +122,17 @@ def _remembered(contents: Mapping[Path, str | bytes]) -> Iterator[None]:
         for path, content in contents.items():
             if path.is_file() or not path.exists():
                 actual = Path(os.path.realpath(path))
-                remember(actual, content.encode() if isinstance(content, str) else content)
+                remember(
+                    actual, content.encode() if isinstance(content, str) else content
+                )
     except InputError as error:
         problem = one_line(str(error))
     yield
     if problem:
-        typer.echo(f"echelon: {problem}; to replace these files later will need --force", err=True)
+        typer.echo(
+            f"echelon: {problem}; to replace these files later will need --force",
+            err=True,
+        )
 
 
 # -- which files this process reads ----------------------------------------------------------------------------------
@@ -144,7 +157,11 @@ def _note(event: str, arguments: tuple[object, ...]) -> None:
     if event != "open" or not _state["watching"]:
         return
     path, _, flags = arguments
-    if isinstance(path, str | bytes) and isinstance(flags, int) and not flags & _WRITING:
+    if (
+        isinstance(path, str | bytes)
+        and isinstance(flags, int)
+        and not flags & _WRITING
+    ):
         _paths.add(os.fsdecode(path))
 
 
@@ -159,8 +176,12 @@ def remember(path: Path, content: bytes) -> None:
     try:
         record.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"cannot be made: {error.strerror or error}", source=str(record.parent)) from None
-    write_atomically(record, "\n".join([*digests[-_KEPT + 1 :], digest]) + "\n", private=True)
+        raise InputError(
+            f"cannot be made: {error.strerror or error}", source=str(record.parent)
+        ) from None
+    write_atomically(
+        record, "\n".join([*digests[-_KEPT + 1 :], digest]) + "\n", private=True
+    )
     _forget_oldest(record.parent)
 
 
@@ -201,5 +222,7 @@ def _forget_oldest(folder: Path) -> None:
     with suppress(OSError):  # another process may forget some at the same time
         records = list(folder.iterdir())
         if len(records) > _MOST_PATHS:
-            for record in sorted(records, key=lambda record: record.stat().st_mtime)[:-_MOST_PATHS]:
+            for record in sorted(records, key=lambda record: record.stat().st_mtime)[
+                :-_MOST_PATHS
+            ]:
                 record.unlink(missing_ok=True)

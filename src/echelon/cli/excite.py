@@ -20,7 +20,9 @@ from echelon.excite.problem.task import UNCHECKED
 from echelon.excite.verify import when_kept
 
 
-def say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_json: bool) -> None:
+def say(
+    found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_json: bool
+) -> None:
     """Print the summary of a trajectory, as JSON or on a terminal."""
     if as_json:
         document = {**design_to_json(found), "files": [str(path) for path in paths]}
@@ -51,7 +53,9 @@ def verdict(found: ExcitingTrajectory) -> str:
     """Whether all limits are kept, in a sentence."""
     broken = [margin.label for margin in found.margins if not margin.kept]
     if not broken:
-        unchecked = any(finding.text.startswith(UNCHECKED) for finding in found.findings)
+        unchecked = any(
+            finding.text.startswith(UNCHECKED) for finding in found.findings
+        )
         kept = f"all {len(found.margins)} limits are kept {when_kept(found.margins)}"
         return f"{kept}; collisions were not checked" if unchecked else kept
     more = f" and {len(broken) - 6} more" if len(broken) > 6 else ""
@@ -60,17 +64,30 @@ def verdict(found: ExcitingTrajectory) -> str:
 
 def _headline(found: ExcitingTrajectory) -> str:
     name, trajectory = one_line(found.base.mechanism.name), found.trajectory
-    moving = f"{len(trajectory.coordinates)} coordinates move for {trajectory.duration:g} s"
+    moving = (
+        f"{len(trajectory.coordinates)} coordinates move for {trajectory.duration:g} s"
+    )
     return f"{name}: {moving} and show {found.base.rank} base parameters"
 
 
 def _limits(found: ExcitingTrajectory) -> Table:
-    table = plain_table("limit", "reaches", "allowed", "margin", "unit", left=("limit", "unit"))
+    table = plain_table(
+        "limit", "reaches", "allowed", "margin", "unit", left=("limit", "unit")
+    )
     nearest = sorted(found.margins, key=lambda margin: margin.relative)
     for margin in nearest[:_LIMITS]:
         style = "" if margin.kept else "bold red"
-        cells = (_range(margin.least, margin.largest), _range(margin.low, margin.high), f"{margin.relative:.2%}")
-        table.add_row(Text(one_line(margin.label)), *cells, Text(one_line(margin.unit)), style=style)
+        cells = (
+            _range(margin.least, margin.largest),
+            _range(margin.low, margin.high),
+            f"{margin.relative:.2%}",
+        )
+        table.add_row(
+            Text(one_line(margin.label)),
+            *cells,
+            Text(one_line(margin.unit)),
+            style=style,
+        )
     if len(nearest) > _LIMITS:
         table.add_row(Text(f"… and {len(nearest) - _LIMITS} more"), "", "", "", "")
     return table
@@ -85,13 +102,19 @@ def _range(low: float, high: float) -> Text:
 
 
 def _starts(found: ExcitingTrajectory) -> str:
-    done = [f"{start.status} after {start.iterations} iterations" for start in found.starts]
+    done = [
+        f"{start.status} after {start.iterations} iterations" for start in found.starts
+    ]
     return f"starts: {'; '.join(done)}"
 
 
 def _conditioning(found: ExcitingTrajectory) -> str:
     shown = found.conditioning
-    names = {"d_optimal": "D-optimal", "a_optimal": "A-optimal", "condition": "smallest condition number"}
+    names = {
+        "d_optimal": "D-optimal",
+        "a_optimal": "A-optimal",
+        "condition": "smallest condition number",
+    }
     numbers = f"condition number {shown.condition:.3g}; log det of the information {shown.log_det:.5g}"
     text = f"{names[found.criterion]}; {numbers}\n{_figures(shown.scaled_condition, max(shown.std))}"
     worst = one_line(found.base.expressions[shown.worst].name)

@@ -30,49 +30,94 @@ class SampleFormat(StrEnum):
 
 
 SetupFile = Annotated[
-    Path, typer.Argument(help="Robot description with its sensors and the section 'excitation'; or URDF, MJCF.")
+    Path,
+    typer.Argument(
+        help="Robot description with its sensors and the section 'excitation'; or URDF, MJCF."
+    ),
 ]
-Move = Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")]
+Move = Annotated[
+    list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")
+]
 Prior = Annotated[
-    Path | None, typer.Option(help="The same robot with inertial values, for torques (URDF, MJCF, description).")
+    Path | None,
+    typer.Option(
+        help="The same robot with inertial values, for torques (URDF, MJCF, description)."
+    ),
 ]
 Model = Annotated[
     Path | None,
-    typer.Option(help="model.json of an identification, which predicts torques and how uncertain they are."),
+    typer.Option(
+        help="model.json of an identification, which predicts torques and how uncertain they are."
+    ),
 ]
 
 
-@app.command(epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore")
+@app.command(
+    epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition"
+)
+@reads_robot(
+    "floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore"
+)
 def excite(
     setup: SetupFile,
     read: dict[str, Any],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Directory for trajectory.json, samples and preview.html.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Directory for trajectory.json, samples and preview.html.",
+        ),
     ] = None,
     force: Force = False,
-    duration: Annotated[float | None, typer.Option(help="Length of the motion, or of its period, s.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Length of the motion, or of its period, s.")
+    ] = None,
     family: Annotated[Family | None, typer.Option(help="Functions of time.")] = None,
-    harmonics: Annotated[int | None, typer.Option(min=1, help="Harmonics of Fourier series.")] = None,
-    segments: Annotated[int | None, typer.Option(min=1, help="Segments of B-splines.")] = None,
-    criterion: Annotated[Optimality | None, typer.Option(help="What is optimised.")] = None,
+    harmonics: Annotated[
+        int | None, typer.Option(min=1, help="Harmonics of Fourier series.")
+    ] = None,
+    segments: Annotated[
+        int | None, typer.Option(min=1, help="Segments of B-splines.")
+    ] = None,
+    criterion: Annotated[
+        Optimality | None, typer.Option(help="What is optimised.")
+    ] = None,
     move: Move = None,
-    starts: Annotated[int | None, typer.Option(min=1, help="Random starts; the best one counts.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")] = None,
-    iterations: Annotated[int | None, typer.Option(min=1, help="Steps of the solver in each start, at most.")] = None,
+    starts: Annotated[
+        int | None, typer.Option(min=1, help="Random starts; the best one counts.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the random starts.")
+    ] = None,
+    iterations: Annotated[
+        int | None,
+        typer.Option(min=1, help="Steps of the solver in each start, at most."),
+    ] = None,
     budget: Annotated[
-        float | None, typer.Option(help="Work of the search, about seconds; the best motion so far counts.")
+        float | None,
+        typer.Option(
+            help="Work of the search, about seconds; the best motion so far counts."
+        ),
     ] = None,
     prior_log: Annotated[
-        list[Path] | None, typer.Option(help="A log at hand, to whose information the motion adds; may be repeated.")
+        list[Path] | None,
+        typer.Option(
+            help="A log at hand, to whose information the motion adds; may be repeated."
+        ),
     ] = None,
     prior: Prior = None,
     model: Model = None,
     formats: Annotated[
-        list[SampleFormat] | None, typer.Option("--format", help="Of samples; may be repeated; yaml is for ROS 2.")
+        list[SampleFormat] | None,
+        typer.Option(
+            "--format", help="Of samples; may be repeated; yaml is for ROS 2."
+        ),
     ] = None,
     rate: Annotated[float, typer.Option(help="Rate of samples, Hz.")] = 1000.0,
-    repeats: Annotated[int, typer.Option(min=1, help="How often a periodic motion is run.")] = 1,
+    repeats: Annotated[
+        int, typer.Option(min=1, help="How often a periodic motion is run.")
+    ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Design a motion that makes every base parameter visible and keeps all limits.
@@ -82,7 +127,11 @@ def excite(
     from echelon.cli.destination import output_folder
     from echelon.cli.excite import say
     from echelon.excite.excite import exciting_trajectory
-    from echelon.excite.files.trajectory_file import design_to_json, text_of, trajectory_content
+    from echelon.excite.files.trajectory_file import (
+        design_to_json,
+        text_of,
+        trajectory_content,
+    )
     from echelon.excite.problem.prior_model import information_of_logs
     from echelon.report.preview import preview_html
     from echelon.setup.setup import load_setup
@@ -106,7 +155,12 @@ def excite(
     if folder is not None:
         folder.check((TRAJECTORY, PREVIEW, *(f"trajectory{kind}" for kind in kinds)))
     robot = load_setup(setup, prior=prior, **read)
-    with steps() as step, stop_asked("ending with the best motion so far; once more ends at once") as asked:
+    with (
+        steps() as step,
+        stop_asked(
+            "ending with the best motion so far; once more ends at once"
+        ) as asked,
+    ):
         step("reading logs")
         information = information_of_logs(robot, prior_log) if prior_log else None
         changed |= {"on_step": step, "stopped": asked.stopped}
@@ -115,21 +169,41 @@ def excite(
         # nothing is written unless all of it can be
         files: dict[str, str | bytes] = {}
         if folder is not None:
-            files = {TRAJECTORY: text_of(design_to_json(found)), PREVIEW: preview_html(found)}
+            files = {
+                TRAJECTORY: text_of(design_to_json(found)),
+                PREVIEW: preview_html(found),
+            }
             for kind in kinds:
-                files[f"trajectory{kind}"] = trajectory_content(found.trajectory, kind, rate, repeats)
-    say(found, [] if folder is None else folder.write_into(files), started, as_json=as_json)
+                files[f"trajectory{kind}"] = trajectory_content(
+                    found.trajectory, kind, rate, repeats
+                )
+    say(
+        found,
+        [] if folder is None else folder.write_into(files),
+        started,
+        as_json=as_json,
+    )
     if asked.number:
         raise typer.Exit(SIGNALLED + asked.number)
 
 
-@app.command(epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html")
-@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore")
+@app.command(
+    epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html"
+)
+@reads_robot(
+    "floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore"
+)
 def check_trajectory(
     setup: SetupFile,
-    trajectory: Annotated[Path, typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML).")],
+    trajectory: Annotated[
+        Path,
+        typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML)."),
+    ],
     read: dict[str, Any],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Preview page to write (HTML).")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Preview page to write (HTML)."),
+    ] = None,
     force: Force = False,
     move: Move = None,
     prior: Prior = None,
@@ -152,7 +226,9 @@ def check_trajectory(
     with steps() as step:
         step("reading")
         task = task_of(robot, changed_entry(robot.excitation, changed, robot.source))
-        read_from = read_trajectory(trajectory, task.mechanism.independent_velocities, task.limits.units)
+        read_from = read_trajectory(
+            trajectory, task.mechanism.independent_velocities, task.limits.units
+        )
         step("checking all limits")
         found = judged_trajectory(robot, read_from, **changed)
     if page is not None:

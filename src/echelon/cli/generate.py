@@ -31,14 +31,32 @@ LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, clo
 
 @app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
 @reads_robot(
-    "floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless", "ignore", "model"
+    "floating",
+    "gravity",
+    "snap_tolerance",
+    "numeric",
+    "mimic",
+    "keep_fixed_links",
+    "massless",
+    "ignore",
+    "model",
 )
 def generate(
-    robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],
+    robot: Annotated[
+        Path,
+        typer.Argument(
+            help="URDF, MJCF, Echelon description, or base parameters saved as JSON."
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="Directory for the files, or one file."),
+    ],
     read: dict[str, Any],
     force: Force = False,
-    target: Annotated[str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
+    target: Annotated[
+        str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")
+    ] = "c",
     function: Annotated[
         str | None,
         typer.Option(
@@ -47,8 +65,13 @@ def generate(
             help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}.",
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Stands before the functions' names; made from the robot's.")] = None,
-    precision: Annotated[Literal["double", "single"], typer.Option(help="Floating-point type.")] = "double",
+    name: Annotated[
+        str | None,
+        typer.Option(help="Stands before the functions' names; made from the robot's."),
+    ] = None,
+    precision: Annotated[
+        Literal["double", "single"], typer.Option(help="Floating-point type.")
+    ] = "double",
     parameters: Annotated[
         str | None,
         typer.Option(
@@ -57,18 +80,26 @@ def generate(
     ] = None,
     keep_symbols: Annotated[
         str | None,
-        typer.Option(help="Geometry that becomes an argument instead of constants: 'all', or names with commas."),
+        typer.Option(
+            help="Geometry that becomes an argument instead of constants: 'all', or names with commas."
+        ),
     ] = None,
     order: Ordering = "base-to-tip",
     prefer: Prefer = None,
     seed: Seed = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable summary.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Machine-readable summary.")
+    ] = False,
 ) -> None:
     """Write source code of the robot's functions in terms of its base parameters."""
     from echelon.cli.destination import output_folder
     from echelon.codegen import FROM_FILE, generate, operations_text
 
-    started, folder, kept = perf_counter(), output_folder(output, force), _names(keep_symbols or "")
+    started, folder, kept = (
+        perf_counter(),
+        output_folder(output, force),
+        _names(keep_symbols or ""),
+    )
     options: dict[str, Any] = {
         "target": target,
         "functions": None if function is None else _names(function),
@@ -76,8 +107,16 @@ def generate(
         "precision": precision,
         "keep_symbols": kept == ("all",) or kept,
     }
-    derivation = {"order": order, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
-    values = parameters if parameters is None or parameters == FROM_FILE else read_values(Path(parameters))
+    derivation = {
+        "order": order,
+        "prefer": tuple(prefer or ()),
+        **({} if seed is None else {"seed": seed}),
+    }
+    values = (
+        parameters
+        if parameters is None or parameters == FROM_FILE
+        else read_values(Path(parameters))
+    )
     with steps(f"generating code for {robot.name}"):
         base = _base(robot, read, derivation)
         source = generate(base, **options, parameters=values)
@@ -106,9 +145,13 @@ def read_values(path: Path) -> dict[str, float]:
     data = parse_json(text, str(path)) if text.lstrip().startswith("{") else None
     try:
         pairs = _csv_pairs(text) if data is None else list(data.items())
-        found = {str(name).strip(): _value(value, str(name), path) for name, value in pairs}
+        found = {
+            str(name).strip(): _value(value, str(name), path) for name, value in pairs
+        }
     except (ValueError, TypeError, OverflowError, csv.Error):
-        raise InputError('expected {"name": value, ...} or lines name,value', source=str(path)) from None
+        raise InputError(
+            'expected {"name": value, ...} or lines name,value', source=str(path)
+        ) from None
     if len(found) < len(pairs):
         raise InputError("a name occurs twice", source=str(path))
     return found
@@ -122,7 +165,9 @@ def _value(value: object, name: str, path: Path) -> float:
     try:
         return float(parse_decimal(str(value).strip()))
     except ValueError as error:
-        raise InputError(str(error), source=str(path), element=f"'{one_line(name)}'") from None
+        raise InputError(
+            str(error), source=str(path), element=f"'{one_line(name)}'"
+        ) from None
 
 
 def _csv_pairs(text: str) -> list[tuple[str, str]]:
@@ -130,13 +175,17 @@ def _csv_pairs(text: str) -> list[tuple[str, str]]:
     import csv
     from io import StringIO
 
-    rows = [row for row in csv.reader(StringIO(text)) if any(cell.strip() for cell in row)]
+    rows = [
+        row for row in csv.reader(StringIO(text)) if any(cell.strip() for cell in row)
+    ]
     if rows and len(rows[0]) == 2 and rows[0][1].strip().lower() in ("value", "values"):
         rows = rows[1:]
     return [(name, value) for name, value in rows]
 
 
-def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -> BaseModel:
+def _base(
+    robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]
+) -> BaseModel:
     from echelon.base.derive import base_parameters
     from echelon.formats.robot_file import load_model
     from echelon.models import LinearModel
@@ -150,10 +199,14 @@ def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -
         try:
             return load_base(robot)
         except CertificateError as error:
-            raise InputError(f"is not a sound set: {error}", source=str(robot)) from None
+            raise InputError(
+                f"is not a sound set: {error}", source=str(robot)
+            ) from None
     model = load_model(robot, **read)
     if isinstance(model, LinearModel):
-        raise InputError("code is generated for robots, not for linear models", source=str(robot))
+        raise InputError(
+            "code is generated for robots, not for linear models", source=str(robot)
+        )
     return base_parameters(model, **derivation)
 
 
@@ -165,16 +218,22 @@ def _written(files: Mapping[str, str], output: Destination) -> list[Path]:
         output.write(*files.values())
         return [path]
     one_of_several = is_file and path.name in files
-    return replace(output, path=path.parent if one_of_several else path).write_into(files)
+    return replace(output, path=path.parent if one_of_several else path).write_into(
+        files
+    )
 
 
-def _summary(base: BaseModel, source: Source, paths: list[Path], options: Mapping[str, Any]) -> dict[str, Any]:
+def _summary(
+    base: BaseModel, source: Source, paths: list[Path], options: Mapping[str, Any]
+) -> dict[str, Any]:
     from echelon.codegen import operation_counts
 
     functions = {
         function.name: {
             "shape": list(function.shape),
-            "arguments": {argument.name: len(argument) for argument in function.arguments},
+            "arguments": {
+                argument.name: len(argument) for argument in function.arguments
+            },
             "operations": operation_counts(function),
         }
         for function in source.functions

@@ -64,20 +64,33 @@ def run_identify(
     """Identify with changed settings, write all files, print the summary; why the model should not be used."""
     started = perf_counter()
     if target not in (NO_CODE, *TARGETS):
-        raise InputError(f"there is no language '{target}'{nearest_of(target, [*TARGETS, NO_CODE])}")
+        raise InputError(
+            f"there is no language '{target}'{nearest_of(target, [*TARGETS, NO_CODE])}"
+        )
     if output is not None:
         output.check((MODEL, REPORT))
     setup = load_setup(setup_file, prior=prior, **read)
-    setup = replace(setup, seed=changed.pop("seed", setup.seed)).with_settings(**changed)
+    setup = replace(setup, seed=changed.pop("seed", setup.seed)).with_settings(
+        **changed
+    )
     if servo_joints(setup.mechanism):
         return run_servos(setup, [*logs, *validate], output, as_json=as_json)
     with steps() as step, nullcontext() if dask is None else connect(dask) as client:
-        result = identify(setup, tuple(logs), tuple(validate), client=client, on_step=step)
+        result = identify(
+            setup, tuple(logs), tuple(validate), client=client, on_step=step
+        )
         step("writing")
         files = {} if output is None else _files(result, setup, target)
     paths = [] if output is None else output.write_into(files)
     if as_json:
-        show(json_text({**json.loads(identification_to_json(result)), "files": [str(path) for path in paths]}))
+        show(
+            json_text(
+                {
+                    **json.loads(identification_to_json(result)),
+                    "files": [str(path) for path in paths],
+                }
+            )
+        )
         return result.reasons
     print_identification(result)
     say_written(paths)
@@ -93,20 +106,33 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
 
     files = {MODEL: identification_to_json(result), REPORT: report_html(result)}
     if result.physical is not None:
-        remarks = [finding.text for finding in result.findings if finding.kind == FAR_FROM_PRIOR]
-        for robot in identified_robot(result.base.mechanism, result.physical.standard, setup.robot_file, remarks):
+        remarks = [
+            finding.text
+            for finding in result.findings
+            if finding.kind == FAR_FROM_PRIOR
+        ]
+        for robot in identified_robot(
+            result.base.mechanism, result.physical.standard, setup.robot_file, remarks
+        ):
             files[robot.name] = robot.text
     if target != NO_CODE:
         from echelon.codegen import generate
 
         names = [expression.name for expression in result.base.expressions]
         values = dict(zip(names, map(float, result.values), strict=True))
-        remarks = ["The values were fitted to", *(f"  {found}" for found in result.ranges)]
-        files |= generate(result.base, target, name="model", parameters=values, remarks=remarks)
+        remarks = [
+            "The values were fitted to",
+            *(f"  {found}" for found in result.ranges),
+        ]
+        files |= generate(
+            result.base, target, name="model", parameters=values, remarks=remarks
+        )
     return files
 
 
-def run_servos(setup: Setup, logs: Sequence[Path], output: Destination | None, *, as_json: bool) -> tuple[str, ...]:
+def run_servos(
+    setup: Setup, logs: Sequence[Path], output: Destination | None, *, as_json: bool
+) -> tuple[str, ...]:
     """Fit, write the model, and print the summary; why the model should not be used."""
     if output is not None:
         output.check((SERVOS,))
@@ -127,11 +153,16 @@ SUMMARY = "echelon.prediction/1"
 _FORMATS = (".csv", ".parquet")
 
 
-def run_predict(model: Path, log: Path, output: Destination | None, *, as_json: bool) -> None:
+def run_predict(
+    model: Path, log: Path, output: Destination | None, *, as_json: bool
+) -> None:
     """Predict, write the signals, and say how well they fit where the log has outputs."""
     suffix = "" if output is None else output.path.suffix.lower()
     if output is not None and suffix not in _FORMATS:
-        raise InputError(f"unknown format '{suffix}' (valid: {', '.join(_FORMATS)})", source=str(output.path))
+        raise InputError(
+            f"unknown format '{suffix}' (valid: {', '.join(_FORMATS)})",
+            source=str(output.path),
+        )
     with steps(f"predicting {log.name}"):
         identified = load_identified(model)
         found = predict_log(identified.plan, identified.values, log)
@@ -145,14 +176,21 @@ def run_predict(model: Path, log: Path, output: Destination | None, *, as_json: 
         show(f"{score.output}: {_fit(score)}")
     rows = len(found.time)
     unknown = rows - int(np.isfinite(found.predicted).all(axis=1).sum())
-    show(f"{counted(rows, 'row')} predicted" + f", {unknown} of them unknown: faulty, or between gaps" * bool(unknown))
+    show(
+        f"{counted(rows, 'row')} predicted"
+        + f", {unknown} of them unknown: faulty, or between gaps" * bool(unknown)
+    )
     if output is not None:
         show(f"wrote {output.path}")
 
 
 def _fit(score: Score) -> str:
     """How well an output fits, after the filter of both sides and as it was measured; R² where it varies."""
-    explained = f"R² {score.r2:.4f}, unfiltered {score.raw.r2:.4f}" if isfinite(score.r2) else "no R²: it does not vary"
+    explained = (
+        f"R² {score.r2:.4f}, unfiltered {score.raw.r2:.4f}"
+        if isfinite(score.r2)
+        else "no R²: it does not vary"
+    )
     return f"rms {score.rms:.4g} {score.unit} ({score.percent:.2f} % of its range), {explained}"
 
 
@@ -167,8 +205,14 @@ def _columns(found: Prediction) -> dict[str, Any]:
 
 def _csv(found: Prediction) -> str:
     columns = _columns(found)
-    names = ",".join(f'"{name.replace(chr(34), chr(34) * 2)}"' if set(name) & set(',"\n') else name for name in columns)
-    rows = (",".join(map(repr, row)) for row in np.column_stack(list(columns.values())).tolist())
+    names = ",".join(
+        f'"{name.replace(chr(34), chr(34) * 2)}"' if set(name) & set(',"\n') else name
+        for name in columns
+    )
+    rows = (
+        ",".join(map(repr, row))
+        for row in np.column_stack(list(columns.values())).tolist()
+    )
     return "\n".join([names, *rows]).replace("nan", "") + "\n"
 
 
@@ -184,7 +228,10 @@ def _parquet(found: Prediction) -> bytes:
 def _summary(found: Prediction, output: Path | None) -> dict[str, Any]:
     scores = {score.output: score for score in found.scores}
     outputs = {
-        name: {"unit": unit, **({} if name not in scores else score_record(scores[name]))}
+        name: {
+            "unit": unit,
+            **({} if name not in scores else score_record(scores[name])),
+        }
         for name, unit in zip(found.outputs, found.units, strict=True)
     }
     return {
@@ -199,7 +246,9 @@ def _summary(found: Prediction, output: Path | None) -> dict[str, Any]:
 # -- check and setup ---------------------------------------------------------------------------------------------------
 
 
-def run_check(setup_file: Path, logs: Sequence[Path], read: Mapping[str, Any], *, as_json: bool) -> None:
+def run_check(
+    setup_file: Path, logs: Sequence[Path], read: Mapping[str, Any], *, as_json: bool
+) -> None:
     """Look at logs and print what they can show, and what is missing."""
     started = perf_counter()
     with steps("looking at the logs"):
@@ -221,7 +270,9 @@ def _lines(found: FirstLook, logs: int) -> Iterator[str]:
     for columns in found.columns:
         for kind, channels in columns.channels.items():
             if channels:
-                shown = ", ".join(f"{name} ← '{channel.column}'" for name, channel in channels.items())
+                shown = ", ".join(
+                    f"{name} ← '{channel.column}'" for name, channel in channels.items()
+                )
                 yield f"{kind}: {shown}"
     for finding in limited(found.survey.findings):
         yield f"{finding.severity.value}: {finding}"
@@ -257,7 +308,12 @@ def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> 
     from echelon.setup.skeleton import skeleton
 
     with steps(f"looking at {logs[0]}"):
-        found = skeleton(robot, logs, Path() if output is None else output.path.parent, explained_rate)
+        found = skeleton(
+            robot,
+            logs,
+            Path() if output is None else output.path.parent,
+            explained_rate,
+        )
     if output is None:
         show(found.text.rstrip())
         return
@@ -269,4 +325,6 @@ def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> 
     if not found.is_complete:
         show(f"wrote {output.path}; mend it before logs are identified with it")
         return
-    show(f"wrote {output.path}; next:  echelon identify {output.path} {' '.join(map(str, logs))} -o result/")
+    show(
+        f"wrote {output.path}; next:  echelon identify {output.path} {' '.join(map(str, logs))} -o result/"
+    )

@@ -35,8 +35,12 @@ def prepare() -> None:
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # files and pipes get UTF-8 on every system
-            stream.reconfigure(errors="replace") if stream.isatty() else stream.reconfigure(encoding="utf-8")
+        if isinstance(
+            stream, TextIOWrapper
+        ):  # files and pipes get UTF-8 on every system
+            stream.reconfigure(
+                errors="replace"
+            ) if stream.isatty() else stream.reconfigure(encoding="utf-8")
     warnings.showwarning = _said_plainly(warnings.showwarning)
 
 
@@ -90,7 +94,9 @@ def _said_plainly(show: Callable[..., None]) -> Callable[..., None]:
     """Our own warnings are one line, without where in the program they were found."""
     said: set[str] = set()
 
-    def warn(message: Warning | str, category: type[Warning], *where: Any, **options: Any) -> None:
+    def warn(
+        message: Warning | str, category: type[Warning], *where: Any, **options: Any
+    ) -> None:
         if issubclass(category, AssemblyWarning | DoubtWarning | SlowWarning):
             text = one_line(str(message))
             if text not in said:  # it may come up in several places
@@ -108,7 +114,9 @@ def _signals() -> list[int]:
 
 def _stop(number: int, frame: FrameType | None) -> None:
     if os.isatty(2):
-        os.write(2, _SHOW_CURSOR)  # who hid it may be interrupted before they know that they did
+        os.write(
+            2, _SHOW_CURSOR
+        )  # who hid it may be interrupted before they know that they did
     inner = frame
     while inner is not None:
         if inner.f_code.co_filename.startswith("<frozen importlib"):

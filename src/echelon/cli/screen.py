@@ -34,7 +34,9 @@ def visible(text: str) -> str:
     >>> print(visible('{"name": "é\x9b31m"}'))
     {"name": "é\u009b31m"}
     """
-    return _NOT_ASCII.sub(lambda c: c[0] if c[0].isprintable() else json.dumps(c[0])[1:-1], text)
+    return _NOT_ASCII.sub(
+        lambda c: c[0] if c[0].isprintable() else json.dumps(c[0])[1:-1], text
+    )
 
 
 def json_text(record: object) -> str:
@@ -61,7 +63,9 @@ def steps(title: str = "") -> Iterator[Callable[[str], None]]:
     if _state["verbose"]:
 
         def say(message: str) -> None:
-            sys.stderr.write(f"{perf_counter() - started:8.2f} s  {one_line(message)}\n")
+            sys.stderr.write(
+                f"{perf_counter() - started:8.2f} s  {one_line(message)}\n"
+            )
 
         if title:
             say(title)

@@ -10,7 +10,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from echelon.base.display import classification_rows, facts, headline, legend, shown_expressions
+from echelon.base.display import (
+    classification_rows,
+    facts,
+    headline,
+    legend,
+    shown_expressions,
+)
 from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
@@ -30,7 +36,9 @@ _COLOURS = {
     Identifiability.UNIDENTIFIABLE: "red",
 }
 
-_PARAMETERS = 24  # parameters that are listed; the rest is in the report and in model.json
+_PARAMETERS = (
+    24  # parameters that are listed; the rest is in the report and in model.json
+)
 
 
 def print_model(model: BaseModel, *, full: bool = False) -> None:
@@ -58,7 +66,10 @@ def _classification(model: BaseModel) -> Table:
     for name in PARAMETERS:
         table.add_column(name, justify="center")
     for title, marks in classification_rows(model):
-        table.add_row(Text(title), *(Text(mark, style=_COLOURS[kind] if kind else "") for mark, kind in marks))
+        table.add_row(
+            Text(title),
+            *(Text(mark, style=_COLOURS[kind] if kind else "") for mark, kind in marks),
+        )
     return table
 
 
@@ -71,7 +82,9 @@ def print_identification(result: Identification) -> None:
         console.print(_hypotheses(result.hypotheses))
     for validation in result.pooled:
         console.print(_scores(validation))
-    console.print(_parameters(result.base, estimate, float(result.settings.get("level", 0.95))))
+    console.print(
+        _parameters(result.base, estimate, float(result.settings.get("level", 0.95)))
+    )
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
         console.print(Text(result.feasibility.evidence))
@@ -80,11 +93,26 @@ def print_identification(result: Identification) -> None:
 
 def _hypotheses(hypotheses: Sequence[Judged]) -> Table:
     """What may be wrong or lacking, with what held-out blocks say of it."""
-    table = plain_table("hypothesis", "residuals", "", "", left=("hypothesis",), title="what may be wrong or lacking")
+    table = plain_table(
+        "hypothesis",
+        "residuals",
+        "",
+        "",
+        left=("hypothesis",),
+        title="what may be wrong or lacking",
+    )
     for some in hypotheses:
-        where = f" ({', '.join(some.places)})" if any(some.places) and some.places[0] not in some.words else ""
+        where = (
+            f" ({', '.join(some.places)})"
+            if any(some.places) and some.places[0] not in some.words
+            else ""
+        )
         shrinkage = f"−{some.shrinkage:.3g} %", f"± {100 * some.gain.error:.2g}"
-        table.add_row(Text(one_line(some.words + where)), *shrinkage, "explains" if some.taken else "")
+        table.add_row(
+            Text(one_line(some.words + where)),
+            *shrinkage,
+            "explains" if some.taken else "",
+        )
     return table
 
 
@@ -96,14 +124,26 @@ def print_servos(fit: ServoFit) -> None:
     for reason in fit.reasons:
         console.print(Text(f"do not use it: {one_line(reason)}", style="bold red"))
     print_findings(console, fit.findings)
-    for title, scores in (("fitted rows", fit.fitted), ("rows the fit did not see", fit.held_out)):
-        table = plain_table("joint", "rms", "R²", "R² of the lag", left=("joint",), title=title)
+    for title, scores in (
+        ("fitted rows", fit.fitted),
+        ("rows the fit did not see", fit.held_out),
+    ):
+        table = plain_table(
+            "joint", "rms", "R²", "R² of the lag", left=("joint",), title=title
+        )
         for score in scores:
-            table.add_row(Text(one_line(score.joint)), f"{score.rms:.2g}", f"{score.r2:.5f}", f"{score.lag_r2:.4f}")
+            table.add_row(
+                Text(one_line(score.joint)),
+                f"{score.rms:.2g}",
+                f"{score.r2:.5f}",
+                f"{score.lag_r2:.4f}",
+            )
         if scores:
             console.print(table)
     console.print(_parameters(fit.base, fit.estimate, 0.95))
-    console.print(Text(f"commands come {1e3 * fit.delay:.1f} ± {2e3 * fit.delay_std:.1f} ms late"))
+    console.print(
+        Text(f"commands come {1e3 * fit.delay:.1f} ± {2e3 * fit.delay_std:.1f} ms late")
+    )
     for sentence in fit.hidden:
         console.print(Text(f"hidden: {one_line(sentence)}", style="yellow"))
 
@@ -112,14 +152,23 @@ def print_findings(console: Console, findings: Sequence[Finding]) -> None:
     """Print findings, warnings in colour."""
     for finding in findings:
         style = "yellow" if finding.severity is Severity.WARNING else "dim"
-        console.print(Text(f"{finding.severity.value}: {one_line(str(finding))}", style=style))
+        console.print(
+            Text(f"{finding.severity.value}: {one_line(str(finding))}", style=style)
+        )
 
 
 def plain_table(*columns: str, left: Sequence[str], title: str = "") -> Table:
     """A table without lines: numbers stand at the right, the columns that are named at the left."""
-    table = Table(title=Text(title) if title else None, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    table = Table(
+        title=Text(title) if title else None,
+        title_justify="left",
+        box=None,
+        padding=(0, 2, 0, 0),
+    )
     for column in columns:
-        table.add_column(column, justify="left" if column in left else "right", overflow="fold")
+        table.add_column(
+            column, justify="left" if column in left else "right", overflow="fold"
+        )
     return table
 
 
@@ -133,11 +182,24 @@ def _scores(validation: Validation) -> Table:
     beside = {"prior": validation.prior_scores, "no friction": validation.plain_scores}
     models = [name for name, scores in beside.items() if scores]
     columns = ("output", "rms", "% of range", "R²", "moving", "unfiltered", *models)
-    table = plain_table(*columns, left=("output",), title=f"{validation.role}: {one_line(validation.source)}")
+    table = plain_table(
+        *columns,
+        left=("output",),
+        title=f"{validation.role}: {one_line(validation.source)}",
+    )
     for k, score in enumerate(validation.scores):
-        rms = f"{score.rms:.4g} {one_line(score.unit)}" if math.isfinite(score.rms) else "–"
+        rms = (
+            f"{score.rms:.4g} {one_line(score.unit)}"
+            if math.isfinite(score.rms)
+            else "–"
+        )
         cells = [Text(one_line(score.output)), Text(rms), _number(score.percent, 2)]
-        r2 = [score.r2, score.moving.r2, score.raw.r2, *(beside[name][k].r2 for name in models)]
+        r2 = [
+            score.r2,
+            score.moving.r2,
+            score.raw.r2,
+            *(beside[name][k].r2 for name in models),
+        ]
         table.add_row(*cells, *(_number(value, 5) for value in r2))
     return table
 
@@ -148,10 +210,24 @@ def _number(value: float, digits: int) -> Text:
 
 def _parameters(base: BaseModel, estimate: Estimate, level: float) -> Table:
     interval = f"{level:.0%} interval"
-    table = plain_table("base parameter", "value", interval, "unit", left=("base parameter", interval, "unit"))
-    rows = zip(base.readable, estimate.values, estimate.interval(level), estimate.units, strict=True)
+    table = plain_table(
+        "base parameter",
+        "value",
+        interval,
+        "unit",
+        left=("base parameter", interval, "unit"),
+    )
+    rows = zip(
+        base.readable,
+        estimate.values,
+        estimate.interval(level),
+        estimate.units,
+        strict=True,
+    )
     for expression, value, (low, high), unit in list(rows)[:_PARAMETERS]:
-        table.add_row(Text(str(expression)), f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit)
+        table.add_row(
+            Text(str(expression)), f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit
+        )
     if base.rank > _PARAMETERS:
         table.add_row(Text(f"… and {base.rank - _PARAMETERS} more"), "", "", "")
     return table

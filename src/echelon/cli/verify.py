@@ -31,7 +31,9 @@ def run_verify(file: Path, seed: int | None, *, as_json: bool) -> int:
         refusal = json_text({"valid": False, "reason": str(error)})
         show(refusal if as_json else f"{file}: NOT valid: {one_line(str(error))}")
         return REFUTED
-    whole = not certificate.unchecked or code == VALID  # the independent verifier takes minors at the stated values
+    whole = (
+        not certificate.unchecked or code == VALID
+    )  # the independent verifier takes minors at the stated values
     if as_json:
         show(_as_json(certificate, code, sentence, whole=whole))
     else:
@@ -54,11 +56,17 @@ def _as_json(certificate: Certificate, code: int, sentence: str, *, whole: bool)
     )
 
 
-def _as_text(file: str, count: str, certificate: Certificate, sentence: str, *, whole: bool) -> str:
+def _as_text(
+    file: str, count: str, certificate: Certificate, sentence: str, *, whole: bool
+) -> str:
     unchecked = "; ".join(certificate.unchecked)
     verdict = f"valid, {count}, {certificate.holds}"
     if not whole:
         verdict = f"NOT valid as a whole, {count}: not checked: {unchecked}; checked {certificate.holds}:"
     return "\n".join(
-        [f"{file}: {one_line(verdict)}", one_line(str(certificate)), f"independent verifier: {one_line(sentence)}"]
+        [
+            f"{file}: {one_line(verdict)}",
+            one_line(str(certificate)),
+            f"independent verifier: {one_line(sentence)}",
+        ]
     )

@@ -24,7 +24,9 @@ app.add_typer(group)
 
 @group.command(epilog="Example: echelon zoo build zoo/ --only 'ur*' --jobs 4")
 def build(
-    folder: Annotated[Path, typer.Argument(help="Directory for the pages; open its index.html.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Directory for the pages; open its index.html.")
+    ],
     sources: Annotated[
         list[Path] | None,
         typer.Option(
@@ -33,10 +35,18 @@ def build(
             "[default: the packages example-robot-data and robot_descriptions]",
         ),
     ] = None,
-    only: Annotated[str, typer.Option(help="A pattern of names or paths, such as 'ur*'.")] = "*",
-    jobs: Annotated[int, typer.Option(min=1, help="Robots that are derived at the same time.")] = 2,
-    seconds: Annotated[float, typer.Option(min=1, help="Time that a robot may take, s.")] = 300.0,
-    force: Annotated[bool, typer.Option("--force", help="Write into a directory that is no zoo.")] = False,
+    only: Annotated[
+        str, typer.Option(help="A pattern of names or paths, such as 'ur*'.")
+    ] = "*",
+    jobs: Annotated[
+        int, typer.Option(min=1, help="Robots that are derived at the same time.")
+    ] = 2,
+    seconds: Annotated[
+        float, typer.Option(min=1, help="Time that a robot may take, s.")
+    ] = 300.0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write into a directory that is no zoo.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Derive every robot of some folders, and write a page for each with an index.
@@ -57,15 +67,25 @@ def build(
     with steps("looking for robots") as say:
 
         def step(done: int, total: int, row: Mapping[str, Any] | None) -> None:
-            last = "" if row is None else f": {row['name']}{' failed' * ('failed' in row)}"
+            last = (
+                "" if row is None else f": {row['name']}{' failed' * ('failed' in row)}"
+            )
             say(f"{done} of {total} robots{last}")
 
         rows = build_zoo(folder, sources or (), only, jobs, seconds, step)
     failed = [row for row in rows if "failed" in row]
     if as_json:
-        show(json_text({"schema": "echelon.zoo/1", "folder": str(folder), "robots": rows}))
+        show(
+            json_text(
+                {"schema": "echelon.zoo/1", "folder": str(folder), "robots": rows}
+            )
+        )
     else:
         for row in failed:
-            show(f"{row['place']}{' (floating)' if row['floating'] else ''}: {row['failed']}")
-        show(f"{len(rows) - len(failed)} robots in {folder / 'index.html'}, {len(failed)} without an answer")
+            show(
+                f"{row['place']}{' (floating)' if row['floating'] else ''}: {row['failed']}"
+            )
+        show(
+            f"{len(rows) - len(failed)} robots in {folder / 'index.html'}, {len(failed)} without an answer"
+        )
     raise typer.Exit(UNANSWERED if failed else 0)

@@ -38,7 +38,9 @@ _SHOWN = 6
 class Constants:
     """Numbers to put in."""
 
-    numbers: Mapping[str, Number] = field(default_factory=dict)  # by the name of the program's input
+    numbers: Mapping[str, Number] = field(
+        default_factory=dict
+    )  # by the name of the program's input
     # the same for people to read, where they did not give it themselves
     texts: Mapping[str, str] = field(default_factory=dict)
     values: tuple[float, ...] | None = None  # base parameters
@@ -54,23 +56,41 @@ def kept_symbols(
     kept = tuple(valid) if keep is True else tuple(keep or ())
     strange = next((name for name in kept if name not in valid), None)
     if strange is not None:
-        raise InputError(f"there is no symbol '{one_line(strange)}' to keep (valid: {', '.join(valid) or 'none'})")
+        raise InputError(
+            f"there is no symbol '{one_line(strange)}' to keep (valid: {', '.join(valid) or 'none'})"
+        )
     both = next((name for name in given or {} if name in kept), None)
     if both is not None:
-        raise InputError(f"the symbol '{one_line(both)}' is kept as an argument, so it takes no value here")
+        raise InputError(
+            f"the symbol '{one_line(both)}' is kept as an argument, so it takes no value here"
+        )
     return kept
 
 
-def symbol_constants(mechanism: Mechanism, given: Mapping[str, float] | None, kept: Collection[str] = ()) -> Constants:
+def symbol_constants(
+    mechanism: Mechanism, given: Mapping[str, float] | None, kept: Collection[str] = ()
+) -> Constants:
     """All symbols with a value, from the file or given, except those that are kept."""
     overrides = symbol_values(mechanism, given or {}, given)
-    stated = {name: symbol for name, symbol in mechanism.symbols.items() if symbol.value is not None}
-    listed = {name: symbol.exact or repr(symbol.value) for name, symbol in stated.items()}
+    stated = {
+        name: symbol
+        for name, symbol in mechanism.symbols.items()
+        if symbol.value is not None
+    }
+    listed = {
+        name: symbol.exact or repr(symbol.value) for name, symbol in stated.items()
+    }
     stated = {name: symbol for name, symbol in stated.items() if name not in kept}
     numbers = {name: _number(symbol) for name, symbol in stated.items()}
     numbers |= {name: exact(value) for name, value in overrides.items()}
-    texts = {name: listed[name] for name in stated} | {name: repr(value) for name, value in overrides.items()}
-    return Constants(numbers, texts, stated={name: text for name, text in listed.items() if name in kept})
+    texts = {name: listed[name] for name in stated} | {
+        name: repr(value) for name, value in overrides.items()
+    }
+    return Constants(
+        numbers,
+        texts,
+        stated={name: text for name, text in listed.items() if name in kept},
+    )
 
 
 def _number(symbol: Symbol) -> Number:
@@ -79,7 +99,9 @@ def _number(symbol: Symbol) -> Number:
 
 
 def parameter_constants(
-    base: BaseModel, given: str | Mapping[str, float] | None, symbols: Mapping[str, float] | None
+    base: BaseModel,
+    given: str | Mapping[str, float] | None,
+    symbols: Mapping[str, float] | None,
 ) -> Constants:
     """Values of the base parameters."""
     if given is None:
@@ -87,7 +109,9 @@ def parameter_constants(
     standard: Sequence[float] = ()
     if isinstance(given, str):
         if given != FROM_FILE:
-            raise InputError(f"parameters are 'file' or values by name, not '{one_line(given)}'")
+            raise InputError(
+                f"parameters are 'file' or values by name, not '{one_line(given)}'"
+            )
         standard = base.standard_values().tolist()
         values = base.values(standard, symbols)
     elif len(given) == len(base.pivots) and set(given) == set(base.pivots):
@@ -96,7 +120,10 @@ def parameter_constants(
         _check_names(base, given)
         standard = [given[name] for name in base.parameters]
         values = base.values(standard, symbols)
-    numbers = {parameter_input(name): exact(float(v)) for name, v in zip(base.pivots, values, strict=True)}
+    numbers = {
+        parameter_input(name): exact(float(v))
+        for name, v in zip(base.pivots, values, strict=True)
+    }
     pairs = zip(base.parameters, standard, strict=True) if standard else ()
     numbers |= {parameter_input(n, standard=True): exact(float(v)) for n, v in pairs}
     return Constants(numbers, values=tuple(map(float, values)))
@@ -105,8 +132,12 @@ def parameter_constants(
 def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
     strange = [name for name in given if name not in base.parameters]
     if strange:
-        raise InputError(f"there are no parameters {in_quotes(map(one_line, strange), _SHOWN)}")
-    missing = [name for name in base.pivots if name not in given] or [n for n in base.parameters if n not in given]
+        raise InputError(
+            f"there are no parameters {in_quotes(map(one_line, strange), _SHOWN)}"
+        )
+    missing = [name for name in base.pivots if name not in given] or [
+        n for n in base.parameters if n not in given
+    ]
     if missing:
         raise InputError(
             f"values are missing for {in_quotes(map(one_line, missing), _SHOWN)}: give all {len(base.pivots)} base "
@@ -119,7 +150,9 @@ def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
 
 
 def specialised(
-    function: Function, values: Mapping[str, Number], layout: Mapping[str, Sequence[str]] | None = None
+    function: Function,
+    values: Mapping[str, Number],
+    layout: Mapping[str, Sequence[str]] | None = None,
 ) -> Function:
     """The same function, on a program of its own, with some uniform inputs replaced by numbers, by the input's name.
 
@@ -127,10 +160,21 @@ def specialised(
     Arguments that are constant altogether are left out.
     """
     copy, program = Program(), function.program
-    known = {n: copy.constant(values[i.name]).node for n, i in program.inputs.items() if i.name in values}
+    known = {
+        n: copy.constant(values[i.name]).node
+        for n, i in program.inputs.items()
+        if i.name in values
+    }
     nodes = replayed(program, function.outputs, copy, known, _folded)
-    entries = {index: node for index, node in zip(function.entries, nodes, strict=True) if node != copy.zero.node}
-    arguments = (_argument(function, argument, copy, values, layout or {}) for argument in function.arguments)
+    entries = {
+        index: node
+        for index, node in zip(function.entries, nodes, strict=True)
+        if node != copy.zero.node
+    }
+    arguments = (
+        _argument(function, argument, copy, values, layout or {})
+        for argument in function.arguments
+    )
     kept = tuple(argument for argument in arguments if len(argument))
     return replace(function, program=copy, arguments=kept, entries=entries)
 
@@ -142,7 +186,10 @@ def _argument(
     values: Mapping[str, Number],
     layout: Mapping[str, Sequence[str]],
 ) -> Argument:
-    inputs = {label: function.program.inputs[node] for label, node in zip(argument.labels, argument.nodes, strict=True)}
+    inputs = {
+        label: function.program.inputs[node]
+        for label, node in zip(argument.labels, argument.nodes, strict=True)
+    }
     units = dict(zip(argument.labels, argument.units, strict=True))
     labels = [label for label in argument.labels if inputs[label].name not in values]
     if argument.name in layout and labels:
@@ -150,7 +197,11 @@ def _argument(
     nodes = []
     for label in labels:
         # an input that only other functions use needs a node too, so that vectors are the same for all
-        name, role = (inputs[label].name, inputs[label].role) if label in inputs else (f"unused[{label}]", "state")
+        name, role = (
+            (inputs[label].name, inputs[label].role)
+            if label in inputs
+            else (f"unused[{label}]", "state")
+        )
         nodes.append(copy.input(name, role).node)
     kept = tuple(units.get(label, "SI") for label in labels)
     return replace(argument, nodes=tuple(nodes), labels=tuple(labels), units=kept)
@@ -161,7 +212,9 @@ def _folded(copy: Program, op: Op, a: int, b: int) -> int:
     if op >= Op.SIN:
         return _function(copy, op, a)
     if op is Op.DIV and b == copy.zero.node:
-        raise InputError("with the values put in a divisor is zero: is the mechanism always in a singular pose?")
+        raise InputError(
+            "with the values put in a divisor is zero: is the mechanism always in a singular pose?"
+        )
     if op in (Op.ADD, Op.MUL):
         a, b = _gathered(copy, op, a, b)
     made = recorded(copy, op, a, b)
@@ -179,7 +232,9 @@ def _gathered(copy: Program, op: Op, a: int, b: int) -> tuple[int, int]:
     for x, d in (inner, inner[::-1]):
         if d in copy.constants:
             value = copy.constants[d]
-            return x, copy.constant(_bounded(outer * value if op is Op.MUL else outer + value)).node
+            return x, copy.constant(
+                _bounded(outer * value if op is Op.MUL else outer + value)
+            ).node
     return a, b
 
 
@@ -193,10 +248,15 @@ def _function(copy: Program, op: Op, a: int) -> int:
 
 def _bounded(value: Number) -> Number:
     """The number itself, or the nearest double if it has become very long."""
-    longest = max(max(abs(part.numerator), part.denominator).bit_length() for part in parts_of(value))
+    longest = max(
+        max(abs(part.numerator), part.denominator).bit_length()
+        for part in parts_of(value)
+    )
     if longest <= _MOST_BITS:
         return value
     try:
         return Fraction(float(value)) if isinstance(value, Surd | Fraction) else value
     except OverflowError:
-        raise InputError("products of the values put in are beyond the range of floating-point numbers") from None
+        raise InputError(
+            "products of the values put in are beyond the range of floating-point numbers"
+        ) from None

@@ -95,7 +95,9 @@ def decimal(value: Number, precision: Precision) -> str:
     ('0.3333333333333333', '0.33333334')
     """
     with np.errstate(over="ignore"):
-        rounded = float(value) if precision is Precision.DOUBLE else np.float32(float(value))
+        rounded = (
+            float(value) if precision is Precision.DOUBLE else np.float32(float(value))
+        )
     if not isfinite(rounded):
         raise InputError(f"{float(value):.3g} is too large for {precision} precision")
     return str(rounded)
@@ -115,8 +117,12 @@ class Language:
     functions: Mapping[Op, str]
     number: str = "{x}"  # pattern of a literal with the decimal ``{x}``
     # floating-point types
-    real: Mapping[Precision, str] = field(default_factory=lambda: {p: p.value for p in Precision})
-    element: str = "{name}[{index}]"  # pattern of entry ``{index}`` of the vector ``{name}``
+    real: Mapping[Precision, str] = field(
+        default_factory=lambda: {p: p.value for p in Precision}
+    )
+    element: str = (
+        "{name}[{index}]"  # pattern of entry ``{index}`` of the vector ``{name}``
+    )
     entry: str = "result[{index}]"  # pattern of the entry ``{index}`` of the result
     # stands between the indices of an entry of the result; None for one index into a dense row-major array
     separator: str | None = None
@@ -148,7 +154,9 @@ class Language:
             for k, size in zip(index, shape, strict=True):
                 place = place * size + k
             return self.entry.format(index=place + self.first)
-        return self.entry.format(index=self.separator.join(str(k + self.first) for k in index))
+        return self.entry.format(
+            index=self.separator.join(str(k + self.first) for k in index)
+        )
 
 
 FUNCTIONS = {op: f"{op.name.lower()}{{f}}({{x}})" for op in OPERATIONS}
@@ -188,14 +196,21 @@ CPP = Language(
 )
 
 # CUDA C++: device functions, and kernels with one thread for each sample; compiled by nvcc or NVRTC
-CUDA = replace(C, name="cuda", files={"{robot}.cu": "cuda.cu.j2"}, comment="// ", entry="result[{index}*stride]")
+CUDA = replace(
+    C,
+    name="cuda",
+    files={"{robot}.cu": "cuda.cu.j2"},
+    comment="// ",
+    entry="result[{index}*stride]",
+)
 
 # Python with NumPy: functions of arrays with any leading axes
 PYTHON = Language(
     name="python",
     files={"{robot}.py": "python.py.j2"},
     comment="# ",
-    functions={op: f"np.{op.name.lower()}({{x}})" for op in OPERATIONS} | {Op.ATAN: "np.arctan({x})"},
+    functions={op: f"np.{op.name.lower()}({{x}})" for op in OPERATIONS}
+    | {Op.ATAN: "np.arctan({x})"},
     real={Precision.DOUBLE: "np.float64", Precision.SINGLE: "np.float32"},
     entry="out[{index}]",
     separator=", ",
@@ -207,7 +222,9 @@ JAX = Language(
     name="jax",
     files={"{robot}_jax.py": "jax.py.j2"},
     comment="# ",
-    functions={op: pattern.replace("np.", "jnp.") for op, pattern in PYTHON.functions.items()},
+    functions={
+        op: pattern.replace("np.", "jnp.") for op, pattern in PYTHON.functions.items()
+    },
     zeroed=True,
 )
 
@@ -217,7 +234,10 @@ CASADI = Language(
     files={"{robot}_casadi.py": "casadi.py.j2"},
     comment="# ",
     functions={
-        **{op: pattern.replace("np.", "ca.") for op, pattern in PYTHON.functions.items()},
+        **{
+            op: pattern.replace("np.", "ca.")
+            for op, pattern in PYTHON.functions.items()
+        },
         Op.ABS: "ca.fabs({x})",
         Op.ATAN: "ca.atan({x})",
     },
@@ -259,7 +279,8 @@ RUST = Language(
     name="rust",
     files={"{robot}.rs": "rust.rs.j2"},
     comment="//! ",
-    functions={op: f"math::{pattern}" for op, pattern in _WITH_SIGN.items()} | {Op.LOG: "math::ln({x})"},
+    functions={op: f"math::{pattern}" for op, pattern in _WITH_SIGN.items()}
+    | {Op.LOG: "math::ln({x})"},
     real={Precision.DOUBLE: "f64", Precision.SINGLE: "f32"},
     separator="][",
     define="let {name} = {value};",
@@ -267,5 +288,8 @@ RUST = Language(
     splits=True,
 )
 
-TARGETS = {language.name: language for language in (C, CPP, CUDA, PYTHON, JAX, CASADI, MATLAB, JULIA, RUST)}
+TARGETS = {
+    language.name: language
+    for language in (C, CPP, CUDA, PYTHON, JAX, CASADI, MATLAB, JULIA, RUST)
+}
 """All languages by the target's name."""

@@ -13,7 +13,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from echelon.program.function import Function, cut, depth_first, operands, waiting_places
+from echelon.program.function import (
+    Function,
+    cut,
+    depth_first,
+    operands,
+    waiting_places,
+)
 from echelon.program.operations import Op
 from echelon.program.tape import Program
 
@@ -49,8 +55,12 @@ class Plan:
     function: Function
     angles: tuple[Angle, ...]  # their sines and cosines come first, all at once
     parts: tuple[tuple[Statement, ...], ...]
-    names: Mapping[int, str]  # what named nodes are called: temporaries, sines and cosines
-    slots: Mapping[int, int]  # for temporaries that a later part uses, their place in the array that parts share
+    names: Mapping[
+        int, str
+    ]  # what named nodes are called: temporaries, sines and cosines
+    slots: Mapping[
+        int, int
+    ]  # for temporaries that a later part uses, their place in the array that parts share
 
 
 def plan(function: Function, longest_part: int) -> Plan:
@@ -62,7 +72,10 @@ def plan(function: Function, longest_part: int) -> Plan:
         writer.prepare(function.program.needed(function.outputs, names))
     for entry, node in function.entries.items():
         writer.write(entry, node)
-    names |= {s.node: f"t{k}" for k, s in enumerate((s for s in writer.statements if s.entry is None), 1)}
+    names |= {
+        s.node: f"t{k}"
+        for k, s in enumerate((s for s in writer.statements if s.entry is None), 1)
+    }
     parts = cut(writer.statements, longest_part)
     made = [[s.node for s in part if s.entry is None] for part in parts]
     used = [used_names(function.program, part, names) for part in parts]
@@ -80,9 +93,18 @@ def homes(parts: Sequence[Sequence[Statement]]) -> dict[int, int]:
 def _angles(function: Function) -> tuple[Angle, ...]:
     """Arguments of sines and cosines that are coordinates or short expressions in inputs."""
     program = function.program
-    found = dict.fromkeys(program.lhs[n] for n in function.needed if program.ops[n] in (Op.SIN, Op.COS))
-    simple = [n for n in found if _inlined_leaves(program, n, _MOST_LEAVES_OF_ANGLE) > 0]
-    place = {node: k for a in function.arguments if a.name == "q" for k, node in enumerate(a.nodes, 1)}
+    found = dict.fromkeys(
+        program.lhs[n] for n in function.needed if program.ops[n] in (Op.SIN, Op.COS)
+    )
+    simple = [
+        n for n in found if _inlined_leaves(program, n, _MOST_LEAVES_OF_ANGLE) > 0
+    ]
+    place = {
+        node: k
+        for a in function.arguments
+        if a.name == "q"
+        for k, node in enumerate(a.nodes, 1)
+    }
     joints = sorted((n for n in simple if n in place), key=place.__getitem__)
     others = [n for n in simple if n not in place]
     named = [Angle(n, str(place[n])) for n in joints]
@@ -108,7 +130,11 @@ def _inlined_leaves(program: Program, node: int, most: int) -> int:
 def _sines_and_cosines(function: Function, angles: Sequence[Angle]) -> dict[int, str]:
     program, label = function.program, {angle.node: angle.label for angle in angles}
     stems = {Op.SIN: "s", Op.COS: "c"}
-    nodes = [n for n in function.needed if program.ops[n] in stems and program.lhs[n] in label]
+    nodes = [
+        n
+        for n in function.needed
+        if program.ops[n] in stems and program.lhs[n] in label
+    ]
     return {n: stems[Op(program.ops[n])] + label[program.lhs[n]] for n in nodes}
 
 
@@ -153,7 +179,10 @@ class _Writer:
     def _finish(self, node: int, inner: tuple[int, ...]) -> None:
         """Name a node that is used more than once, and operands that would make its expression too long."""
         for child in sorted(inner, key=self._leaves.__getitem__, reverse=True):
-            if sum(self._leaves[n] for n in inner) > _MOST_LEAVES and self._leaves[child] > 1:
+            if (
+                sum(self._leaves[n] for n in inner) > _MOST_LEAVES
+                and self._leaves[child] > 1
+            ):
                 self._name(child)
         self._leaves[node] = sum(self._leaves[n] for n in inner) or 1
         if inner and self._uses[node] > 1 and self._program.ops[node] != Op.NEG:
@@ -164,13 +193,19 @@ class _Writer:
         self._leaves[node] = 1
 
 
-def used_names(program: Program, statements: Sequence[Statement], names: Mapping[int, str]) -> list[int]:
+def used_names(
+    program: Program, statements: Sequence[Statement], names: Mapping[int, str]
+) -> list[int]:
     """Named nodes and inputs that the expressions of some statements refer to, each once."""
     found: dict[int, None] = {}
     for statement in statements:
         root = statement.node
         whole = statement.entry is None or root not in names
-        pending = list(operands(program, root)) if whole and program.lhs[root] >= 0 else [root]
+        pending = (
+            list(operands(program, root))
+            if whole and program.lhs[root] >= 0
+            else [root]
+        )
         while pending:
             node = pending.pop()
             if node in names or program.ops[node] == Op.INPUT:

@@ -35,7 +35,13 @@ Text = tuple[str, Binding]
 class Expressions:
     """Prints nodes of one program."""
 
-    def __init__(self, program: Program, names: Mapping[int, str], language: Language, precision: Precision) -> None:
+    def __init__(
+        self,
+        program: Program,
+        names: Mapping[int, str],
+        language: Language,
+        precision: Precision,
+    ) -> None:
         self._program, self._names = program, names
         self._language, self._precision = language, precision
 
@@ -48,7 +54,11 @@ class Expressions:
         return self._text(node)[0]
 
     def _text(self, node: int) -> Text:
-        return (self._names[node], Binding.ATOM) if node in self._names else self._operation(node)
+        return (
+            (self._names[node], Binding.ATOM)
+            if node in self._names
+            else self._operation(node)
+        )
 
     def _operation(self, node: int) -> Text:
         program, op = self._program, Op(self._program.ops[node])
@@ -67,11 +77,18 @@ class Expressions:
         if op is Op.MUL:
             a, b = _factors(a, b, number=program.rhs[node] in program.constants)
         sign = "*" if op is Op.MUL else "/"
-        return f"{_at_least(Binding.PRODUCT, a)}{sign}{_at_least(Binding.ATOM, b)}", Binding.PRODUCT
+        return (
+            f"{_at_least(Binding.PRODUCT, a)}{sign}{_at_least(Binding.ATOM, b)}",
+            Binding.PRODUCT,
+        )
 
     def _constant(self, value: Number) -> Text:
-        size = self._language.literal(-value if is_negative(value) else value, self._precision)
-        return (f"-{size}", Binding.SIGN) if is_negative(value) else (size, Binding.ATOM)
+        size = self._language.literal(
+            -value if is_negative(value) else value, self._precision
+        )
+        return (
+            (f"-{size}", Binding.SIGN) if is_negative(value) else (size, Binding.ATOM)
+        )
 
 
 def _at_least(binding: Binding, text: Text) -> str:
@@ -134,7 +151,9 @@ class FunctionView:
 
     function: Function
     unused: tuple[Argument, ...]  # arguments without influence on the result
-    angles: tuple[str, ...]  # expressions of the angles whose sines and cosines are needed
+    angles: tuple[
+        str, ...
+    ]  # expressions of the angles whose sines and cosines are needed
     parts: tuple[PartView, ...]
     slots: int  # number of values that parts share
     fills: bool  # whether the result is to be filled with zeros first
@@ -175,13 +194,24 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
     parts = [printer.part(k) for k in range(len(planned.parts))]
     if empty and not fills:
         zero = language.literal(0, precision)
-        zeros = tuple(language.assign.format(name=language.result_at(i, function.shape), value=zero) for i in empty)
+        zeros = tuple(
+            language.assign.format(
+                name=language.result_at(i, function.shape), value=zero
+            )
+            for i in empty
+        )
         first = parts[0] if parts else PartView((), (), (), writes=True, shares=False)
         parts[:1] = [replace(first, lines=zeros + first.lines, writes=True)]
-    angles = tuple(printer.expressions({}).reference(angle.node) for angle in planned.angles)
-    used = {a.name for part in parts for a in part.arguments} | printer.arguments_of(a.node for a in planned.angles)
+    angles = tuple(
+        printer.expressions({}).reference(angle.node) for angle in planned.angles
+    )
+    used = {a.name for part in parts for a in part.arguments} | printer.arguments_of(
+        a.node for a in planned.angles
+    )
     unused = tuple(a for a in function.arguments if a.name not in used)
-    return FunctionView(function, unused, angles, tuple(parts), len(planned.slots), fills)
+    return FunctionView(
+        function, unused, angles, tuple(parts), len(planned.slots), fills
+    )
 
 
 class _Printer:
@@ -192,13 +222,18 @@ class _Printer:
         self._inputs: dict[int, str] = {}
         for argument in planned.function.arguments:
             for k, node in enumerate(argument.nodes):
-                self._owner[node], self._inputs[node] = argument, language.at(argument.name, k)
+                self._owner[node], self._inputs[node] = (
+                    argument,
+                    language.at(argument.name, k),
+                )
         self._home = homes(planned.parts)
         self._slots = {n: language.at(WORK, slot) for n, slot in planned.slots.items()}
         self._places = {angle.node: k for k, angle in enumerate(planned.angles)}
 
     def expressions(self, names: Mapping[int, str]) -> Expressions:
-        return Expressions(self._program, {**self._inputs, **names}, self._language, self._precision)
+        return Expressions(
+            self._program, {**self._inputs, **names}, self._language, self._precision
+        )
 
     def arguments_of(self, nodes: Iterable[int]) -> set[str]:
         needed = self._program.needed(nodes)
@@ -219,25 +254,41 @@ class _Printer:
             self._trig(used),
             tuple(lines),
             writes=any(s.entry is not None for s in statements),
-            shares=any(n in slots for n in used) or any(s.node in slots for s in statements),
+            shares=any(n in slots for n in used)
+            or any(s.node in slots for s in statements),
         )
 
     def _lines(self, statement: Statement, expressions: Expressions) -> list[str]:
         language, node = self._language, statement.node
         if statement.entry is not None:
             target = language.result_at(statement.entry, self._plan.function.shape)
-            return [language.assign.format(name=target, value=expressions.reference(node))]
+            return [
+                language.assign.format(name=target, value=expressions.reference(node))
+            ]
         real, name = language.real[self._precision], self._plan.names[node]
-        lines = [language.define.format(real=real, name=name, value=expressions.definition(node))]
+        lines = [
+            language.define.format(
+                real=real, name=name, value=expressions.definition(node)
+            )
+        ]
         if node in self._slots:
             lines.append(language.assign.format(name=self._slots[node], value=name))
         return lines
 
     def _trig(self, used: Iterable[int]) -> tuple[Trig, ...]:
-        names, places, kinds = self._plan.names, self._places, {Op.SIN: "sine", Op.COS: "cosine"}
+        names, places, kinds = (
+            self._plan.names,
+            self._places,
+            {Op.SIN: "sine", Op.COS: "cosine"},
+        )
         found = []
         for node in used:
             op, angle = self._program.ops[node], self._program.lhs[node]
-            if node in names and op in kinds and angle in places and node not in self._home:
+            if (
+                node in names
+                and op in kinds
+                and angle in places
+                and node not in self._home
+            ):
                 found.append(Trig(names[node], kinds[Op(op)], places[angle]))
         return tuple(sorted(found, key=lambda trig: (trig.index, trig.kind != "sine")))

@@ -31,7 +31,9 @@ class Arguments:
 
     def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
         """Arguments by name, of ``q qd qdd inputs parameters symbols``; the last and ``inputs`` only where needed."""
-        used = [n for n in self.program.needed(outputs) if self.program.ops[n] == Op.INPUT]
+        used = [
+            n for n in self.program.needed(outputs) if self.program.ops[n] == Op.INPUT
+        ]
         found: list[Argument] = []
         for name in names:
             match name:
@@ -42,7 +44,9 @@ class Arguments:
                 case "parameters":
                     found.append(self._parameters())
                 case _:
-                    found += self._inputs(used) if name == "inputs" else self._symbols(used)
+                    found += (
+                        self._inputs(used) if name == "inputs" else self._symbols(used)
+                    )
         return tuple(found)
 
     def function(
@@ -55,56 +59,125 @@ class Arguments:
         units: tuple[str, ...] = (),
     ) -> Function:
         """The function with these entries, of arguments whose names are separated by spaces."""
-        nodes = {index: value.node for index, value in entries.items() if not value.is_zero}
-        return Function(name, self.program, self.of(arguments.split(), nodes.values()), nodes, axes, units, meaning)
+        nodes = {
+            index: value.node for index, value in entries.items() if not value.is_zero
+        }
+        return Function(
+            name,
+            self.program,
+            self.of(arguments.split(), nodes.values()),
+            nodes,
+            axes,
+            units,
+            meaning,
+        )
 
-    def _named(self, name: str, labels: Sequence[str], units: Sequence[str], meaning: str) -> Argument:
+    def _named(
+        self, name: str, labels: Sequence[str], units: Sequence[str], meaning: str
+    ) -> Argument:
         nodes = tuple(self.program.input(f"{name}[{label}]").node for label in labels)
         return Argument(name, nodes, tuple(labels), tuple(units), meaning)
 
     def _positions(self) -> Argument:
         mechanism = self.mechanism
-        of = ", all of them, which close the loops" if mechanism.dependent_velocities else ""
-        return self._named("q", mechanism.positions, coordinate_units(mechanism, "q"), f"joint positions{of}")
+        of = (
+            ", all of them, which close the loops"
+            if mechanism.dependent_velocities
+            else ""
+        )
+        return self._named(
+            "q",
+            mechanism.positions,
+            coordinate_units(mechanism, "q"),
+            f"joint positions{of}",
+        )
 
     def _rates(self, kind: str) -> Argument:
         meaning = {"qd": "joint velocities", "qdd": "joint accelerations"}[kind]
-        units = dict(zip(self.mechanism.velocities, coordinate_units(self.mechanism, kind), strict=True))
+        units = dict(
+            zip(
+                self.mechanism.velocities,
+                coordinate_units(self.mechanism, kind),
+                strict=True,
+            )
+        )
         labels = self.mechanism.independent_velocities
         of = ", independent" if self.mechanism.dependent_velocities else ""
         return self._named(kind, labels, [units[name] for name in labels], meaning + of)
 
     def _parameters(self) -> Argument:
-        inputs = (parameter_input(name, standard=self.standard) for name in self.parameters)
-        nodes, units = tuple(self.program.input(n, "symbol").node for n in inputs), tuple(self.parameters.values())
-        name, meaning = (STANDARD, "standard parameters") if self.standard else ("parameters", "dynamic parameters")
-        return Argument(name, nodes, tuple(self.parameters), units, meaning, uniform=True)
+        inputs = (
+            parameter_input(name, standard=self.standard) for name in self.parameters
+        )
+        nodes, units = (
+            tuple(self.program.input(n, "symbol").node for n in inputs),
+            tuple(self.parameters.values()),
+        )
+        name, meaning = (
+            (STANDARD, "standard parameters")
+            if self.standard
+            else ("parameters", "dynamic parameters")
+        )
+        return Argument(
+            name, nodes, tuple(self.parameters), units, meaning, uniform=True
+        )
 
     def _inputs(self, used: Sequence[int]) -> list[Argument]:
-        names = {self.program.inputs[n].name: n for n in used if self.program.inputs[n].name.startswith("i[")}
+        names = {
+            self.program.inputs[n].name: n
+            for n in used
+            if self.program.inputs[n].name.startswith("i[")
+        }
         if not names:
             return []
         labels = tuple(name[2:-1] for name in names)
         meaning = "measured inputs, such as the currents of drives"
-        return [Argument("inputs", tuple(names.values()), labels, ("SI",) * len(names), meaning)]
+        return [
+            Argument(
+                "inputs", tuple(names.values()), labels, ("SI",) * len(names), meaning
+            )
+        ]
 
     def _symbols(self, used: Sequence[int]) -> list[Argument]:
-        parameters = {parameter_input(name, standard=self.standard) for name in self.parameters}
-        inputs = {self.program.inputs[n].name: n for n in used if self.program.inputs[n].role == "symbol"}
+        parameters = {
+            parameter_input(name, standard=self.standard) for name in self.parameters
+        }
+        inputs = {
+            self.program.inputs[n].name: n
+            for n in used
+            if self.program.inputs[n].role == "symbol"
+        }
         known = list(self.mechanism.symbols)
-        names = sorted(inputs.keys() - parameters, key=lambda n: (known.index(n) if n in known else len(known), n))
+        names = sorted(
+            inputs.keys() - parameters,
+            key=lambda n: (known.index(n) if n in known else len(known), n),
+        )
         if not names:
             return []
         nodes = tuple(inputs[name] for name in names)
-        return [Argument("symbols", nodes, tuple(names), ("SI",) * len(names), "geometry", uniform=True)]
+        return [
+            Argument(
+                "symbols",
+                nodes,
+                tuple(names),
+                ("SI",) * len(names),
+                "geometry",
+                uniform=True,
+            )
+        ]
 
 
 def geometry_values(
-    mechanism: Mechanism, arguments: Iterable[Argument], symbols: Mapping[str, float] | None = None
+    mechanism: Mechanism,
+    arguments: Iterable[Argument],
+    symbols: Mapping[str, float] | None = None,
 ) -> dict[str, npt.NDArray[np.float64]]:
     """Values of the argument ``symbols``, SI units, where a function has it."""
     geometry = [argument for argument in arguments if argument.name == "symbols"]
-    return {a.name: np.array(list(symbol_values(mechanism, a.labels, symbols).values())) for a in geometry}
+    return {
+        a.name: np.array(list(symbol_values(mechanism, a.labels, symbols).values()))
+        for a in geometry
+    }
 
 
 def parameter_input(name: str, *, standard: bool = False) -> str:
@@ -127,5 +200,7 @@ def coordinate_units(mechanism: Mechanism, kind: str) -> list[str]:
         if motion.kind is MotionKind.BALL:
             units += ["1"] * 4 if kind == "q" else [f"rad{suffix}"] * 3
         else:
-            units.append(("m" if motion.kind is MotionKind.TRANSLATION else "rad") + suffix)
+            units.append(
+                ("m" if motion.kind is MotionKind.TRANSLATION else "rad") + suffix
+            )
     return units

@@ -39,21 +39,38 @@ from echelon.dynamics.recursion import (
     plus,
 )
 from echelon.inertia import Array
-from echelon.mechanism.steps import Freedom, Mat, Vec, add, apply, backward, cross, dot, into_frame, scale
+from echelon.mechanism.steps import (
+    Freedom,
+    Mat,
+    Vec,
+    add,
+    apply,
+    backward,
+    cross,
+    dot,
+    into_frame,
+    scale,
+)
 from echelon.program.tape import Scalar
 
-Symmetric = dict[tuple[str, str], Scalar]  # entries by pairs of freedoms, in both orders; zero where absent
+Symmetric = dict[
+    tuple[str, str], Scalar
+]  # entries by pairs of freedoms, in both orders; zero where absent
 
 
 def mass_matrix(inertias: Mapping[int, Array], motion: ForwardPass) -> Symmetric:
     """Effort of every freedom per unit of acceleration of every other, sensors included, from pseudo-inertias."""
     found: Symmetric = {}
 
-    def before(behind: tuple[Array, dict[str, CarriedWrench]], index: int) -> tuple[Array, dict[str, CarriedWrench]]:
+    def before(
+        behind: tuple[Array, dict[str, CarriedWrench]], index: int
+    ) -> tuple[Array, dict[str, CarriedWrench]]:
         composite, carried = behind
         for transform in reversed(motion.transforms[index]):
             for freedom in transform.step.freedoms:
-                carried[freedom.name] = CarriedWrench(motion.recorder.zeros, _unit_wrench(freedom, composite))
+                carried[freedom.name] = CarriedWrench(
+                    motion.recorder.zeros, _unit_wrench(freedom, composite)
+                )
             for name, wrench in carried.items():
                 for other, effort in wrench.carry(transform).items():
                     found[name, other] = found[other, name] = effort
@@ -61,19 +78,25 @@ def mass_matrix(inertias: Mapping[int, Array], motion: ForwardPass) -> Symmetric
         return composite, carried
 
     composites = _composites(inertias, motion)
-    own: dict[int, tuple[Array, dict[str, CarriedWrench]]] = {index: (c, {}) for index, c in composites.items()}
+    own: dict[int, tuple[Array, dict[str, CarriedWrench]]] = {
+        index: (c, {}) for index, c in composites.items()
+    }
     backward(motion.mechanism, own, before, lambda a, b: (a[0] + b[0], a[1] | b[1]))
     return found
 
 
-def efforts_at_rest(inertias: Mapping[int, Array], motion: ForwardPass) -> dict[str, Scalar]:
+def efforts_at_rest(
+    inertias: Mapping[int, Array], motion: ForwardPass
+) -> dict[str, Scalar]:
     """Effort of every freedom that holds the bodies' weight, sensors included, from pseudo-inertias."""
     found: dict[str, Scalar] = {}
 
     def before(composite: Array, index: int) -> Array:
         for transform in reversed(motion.transforms[index]):
             for freedom in transform.step.freedoms:
-                found[freedom.name] = dot(_unit_wrench(freedom, composite)[1], transform.end.linear)
+                found[freedom.name] = dot(
+                    _unit_wrench(freedom, composite)[1], transform.end.linear
+                )
             composite = inertia_before(transform, composite)
         return composite
 
@@ -105,7 +128,9 @@ def _unit_wrench(freedom: Freedom, pseudo: Array) -> Wrench:
     angular, linear = freedom.angular, freedom.linear
     first: Vec = (pseudo[0, MASS], pseudo[1, MASS], pseudo[2, MASS])
     moment = apply(tensor(pseudo), angular)
-    return add(moment, cross(first, linear)), add(scale(linear, pseudo[MASS, MASS]), cross(angular, first))
+    return add(moment, cross(first, linear)), add(
+        scale(linear, pseudo[MASS, MASS]), cross(angular, first)
+    )
 
 
 def tensor(pseudo: Array) -> Mat:
@@ -139,11 +164,17 @@ def _shifted(pseudo: Array, shift: Vec) -> Array:
     """Σ + h pᵀ + p h'ᵀ, where h' = h + m p are the new first moments."""
     moved = pseudo.copy()
     first = pseudo[:3, MASS]
-    moved[:3, MASS] = moved[MASS, :3] = first + np.array(shift, dtype=object) * pseudo[MASS, MASS]
+    moved[:3, MASS] = moved[MASS, :3] = (
+        first + np.array(shift, dtype=object) * pseudo[MASS, MASS]
+    )
     for i in range(3):
         for j in range(i, 3):
             later = moved[j, MASS]
-            extra = (first[i] + later) * shift[i] if i == j else first[i] * shift[j] + later * shift[i]
+            extra = (
+                (first[i] + later) * shift[i]
+                if i == j
+                else first[i] * shift[j] + later * shift[i]
+            )
             moved[i, j] = moved[j, i] = pseudo[i, j] + extra
     return moved
 
@@ -178,14 +209,22 @@ class Subtree:
     def changed(self, by: Change) -> Wrench:
         """Change of the wrench."""
         moment = apply(tensor(self.pseudo), by.rotation)
-        moment = add(add(moment, apply(tensor(self.spread.T), by.spin)), cross(self.first, by.linear))
+        moment = add(
+            add(moment, apply(tensor(self.spread.T), by.spin)),
+            cross(self.first, by.linear),
+        )
         force = add(cross(by.rotation, self.first), cross(by.spin, self.momentum))
         return moment, add(force, scale(by.linear, self.pseudo[MASS, MASS]))
 
     def plus(self, other: Subtree) -> Subtree:
         """Both together, about one origin."""
-        wrench, momentum = plus(self.wrench, other.wrench), add(self.momentum, other.momentum)
-        return Subtree(self.pseudo + other.pseudo, self.spread + other.spread, momentum, wrench)
+        wrench, momentum = (
+            plus(self.wrench, other.wrench),
+            add(self.momentum, other.momentum),
+        )
+        return Subtree(
+            self.pseudo + other.pseudo, self.spread + other.spread, momentum, wrench
+        )
 
 
 def body_subtree(at: FrameMotion, pseudo: Array) -> Subtree:
@@ -194,19 +233,25 @@ def body_subtree(at: FrameMotion, pseudo: Array) -> Subtree:
     zero = x * 0
     hat: Mat = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
     rows = [[2 * pseudo[i, j] for j in range(3)] for i in range(3)]
-    spread = np.array([apply(hat, (row[0], row[1], row[2])) for row in rows], dtype=object)
+    spread = np.array(
+        [apply(hat, (row[0], row[1], row[2])) for row in rows], dtype=object
+    )
     first: Vec = (2 * pseudo[0, MASS], 2 * pseudo[1, MASS], 2 * pseudo[2, MASS])
     return Subtree(pseudo, spread, cross(at.angular, first), body_wrench(at, pseudo))
 
 
-def effort_derivatives(inertias: Mapping[int, Array], motion: ForwardPass) -> tuple[Entries, Entries]:
+def effort_derivatives(
+    inertias: Mapping[int, Array], motion: ForwardPass
+) -> tuple[Entries, Entries]:
     """Derivatives of every effort by the positions and by the velocities of all freedoms, from pseudo-inertias."""
     # the position of a ball's freedom is the angle of a further rotation about its axis of the moved frame
     zeros, zero = motion.recorder.zeros, motion.recorder.program.zero
     empty = Subtree(np.full((4, 4), zero), np.full((3, 3), zero), zeros, (zeros, zeros))
     sweep = _Sweep(zeros)
 
-    def before(behind: tuple[Subtree, list[_Item]], index: int) -> tuple[Subtree, list[_Item]]:
+    def before(
+        behind: tuple[Subtree, list[_Item]], index: int
+    ) -> tuple[Subtree, list[_Item]]:
         subtree, items = behind
         for transform in reversed(motion.transforms[index]):
             subtree = sweep.moved(transform, subtree, items)
@@ -239,29 +284,48 @@ class _Sweep:
         self.by_rate: Entries = {}
         self._zeros = zeros
 
-    def moved(self, transform: Transform, subtree: Subtree, items: list[_Item]) -> Subtree:
+    def moved(
+        self, transform: Transform, subtree: Subtree, items: list[_Item]
+    ) -> Subtree:
         """All that is behind a step, seen from before it; records what its freedoms change and read."""
         step = transform.step
-        changes = {f.name: (_by_position(transform, f), _by_rate(transform, f)) for f in step.freedoms}
+        changes = {
+            f.name: (_by_position(transform, f), _by_rate(transform, f))
+            for f in step.freedoms
+        }
         for item in items:
             for freedom in step.freedoms:
                 moved, sped = changes[freedom.name]
                 self.by_position[item.name, freedom.name] = _read(item, moved)
                 self.by_rate[item.name, freedom.name] = _read(item, sped)
-        fresh = [self._started(freedom, step.freedoms, subtree, changes[freedom.name]) for freedom in step.freedoms]
+        fresh = [
+            self._started(freedom, step.freedoms, subtree, changes[freedom.name])
+            for freedom in step.freedoms
+        ]
         twist = _origin_velocity(transform, self._zeros)
         for item in (*items, *fresh):
-            for found, carried in ((self.by_position, item.moved), (self.by_rate, item.sped)):
+            for found, carried in (
+                (self.by_position, item.moved),
+                (self.by_rate, item.sped),
+            ):
                 efforts = carried.carry(transform)
                 if item not in fresh:
-                    found |= {(name, item.name): effort for name, effort in efforts.items()}
+                    found |= {
+                        (name, item.name): effort for name, effort in efforts.items()
+                    }
             item.form = self._wrench_before(transform, item.form)
-            item.spin_form = add(_back(transform, item.spin_form), cross(twist, item.form[1]))
+            item.spin_form = add(
+                _back(transform, item.spin_form), cross(twist, item.form[1])
+            )
         items += fresh
         return self._subtree_before(transform, subtree, twist)
 
     def _started(
-        self, freedom: Freedom, freedoms: tuple[Freedom, ...], subtree: Subtree, changes: tuple[Change, Change]
+        self,
+        freedom: Freedom,
+        freedoms: tuple[Freedom, ...],
+        subtree: Subtree,
+        changes: tuple[Change, Change],
     ) -> _Item:
         moved, sped = (subtree.changed(by) for by in changes)
         for other in freedoms:
@@ -270,23 +334,38 @@ class _Sweep:
         angular, linear = freedom.angular, freedom.linear
         moment, force = subtree.wrench
         # further in, the wrench also turns with the bodies, and acts at another place
-        turned = add(add(moved[0], cross(angular, moment)), cross(linear, force)), add(moved[1], cross(angular, force))
+        turned = (
+            add(add(moved[0], cross(angular, moment)), cross(linear, force)),
+            add(moved[1], cross(angular, force)),
+        )
         unit: Change = Change(self._zeros, angular, linear)
-        spin_form = add(apply(tensor(subtree.spread), angular), cross(subtree.momentum, linear))
+        spin_form = add(
+            apply(tensor(subtree.spread), angular), cross(subtree.momentum, linear)
+        )
         carried = CarriedWrench(self._zeros, turned), CarriedWrench(self._zeros, sped)
         return _Item(freedom.name, *carried, subtree.changed(unit), spin_form)
 
     def _wrench_before(self, transform: Transform, wrench: Wrench) -> Wrench:
         """A wrench about the frame before a step, all of it at once."""
-        return BackwardPass(self._zeros).carry([replace(transform, parallel=None)], wrench)
+        return BackwardPass(self._zeros).carry(
+            [replace(transform, parallel=None)], wrench
+        )
 
-    def _subtree_before(self, transform: Transform, subtree: Subtree, twist: Vec) -> Subtree:
+    def _subtree_before(
+        self, transform: Transform, subtree: Subtree, twist: Vec
+    ) -> Subtree:
         pseudo, step = inertia_before(transform, subtree.pseudo), transform.step
         wrench = self._wrench_before(transform, subtree.wrench)
-        spread, momentum = _rotated_spread(transform, subtree.spread), _back(transform, subtree.momentum)
+        spread, momentum = (
+            _rotated_spread(transform, subtree.spread),
+            _back(transform, subtree.momentum),
+        )
         if step.shift is not None:
             later = pseudo[:3, MASS]
-            extra = [[step.shift[i] * momentum[j] + later[i] * twist[j] for j in range(3)] for i in range(3)]
+            extra = [
+                [step.shift[i] * momentum[j] + later[i] * twist[j] for j in range(3)]
+                for i in range(3)
+            ]
             spread = spread + np.array(extra, dtype=object)
             momentum = add(momentum, scale(twist, pseudo[MASS, MASS]))
         return Subtree(pseudo, spread, momentum, wrench)
@@ -297,7 +376,9 @@ def _effort(freedom: Freedom, wrench: Wrench) -> Scalar:
 
 
 def _read(item: _Item, by: Change) -> Scalar:
-    return dot(item.spin_form, by.spin) + (dot(item.form[0], by.rotation) + dot(item.form[1], by.linear))
+    return dot(item.spin_form, by.spin) + (
+        dot(item.form[0], by.rotation) + dot(item.form[1], by.linear)
+    )
 
 
 def _base(transform: Transform) -> tuple[FrameMotion, FrameMotion]:
@@ -305,23 +386,32 @@ def _base(transform: Transform) -> tuple[FrameMotion, FrameMotion]:
     if len(transform.step.freedoms) == 1:
         # what lies along the only axis drops out below, so the moved frame's own motion does
         return transform.end, transform.end
-    angular, rate = (into_frame(transform.step, v) for v in (transform.start.angular, transform.start.angular_rate))
+    angular, rate = (
+        into_frame(transform.step, v)
+        for v in (transform.start.angular, transform.start.angular_rate)
+    )
     return FrameMotion(angular, rate, transform.end.linear), transform.end
 
 
 def _by_position(transform: Transform, freedom: Freedom) -> Change:
     base, end = _base(transform)
     linear = add(cross(end.linear, freedom.angular), apply(base.field, freedom.linear))
-    return Change(cross(base.angular, freedom.angular), apply(base.field, freedom.angular), linear)
+    return Change(
+        cross(base.angular, freedom.angular), apply(base.field, freedom.angular), linear
+    )
 
 
 def _by_rate(transform: Transform, freedom: Freedom) -> Change:
     base, end = _base(transform)
     if base is end:
-        turn = scale(cross(end.angular, freedom.angular), end.angular[0].program.constant(2))
+        turn = scale(
+            cross(end.angular, freedom.angular), end.angular[0].program.constant(2)
+        )
     else:
         turn = cross(add(base.angular, end.angular), freedom.angular)
-    sliding = scale(cross(base.angular, freedom.linear), end.angular[0].program.constant(2))
+    sliding = scale(
+        cross(base.angular, freedom.linear), end.angular[0].program.constant(2)
+    )
     return Change(freedom.angular, turn, sliding)
 
 
@@ -354,7 +444,9 @@ def _rotated_spread(transform: Transform, spread: Array) -> Array:
     return rotated
 
 
-def by_quaternion(quaternion: Sequence[Scalar], by_angles: Sequence[Scalar]) -> list[Scalar]:
+def by_quaternion(
+    quaternion: Sequence[Scalar], by_angles: Sequence[Scalar]
+) -> list[Scalar]:
     """Derivatives by a unit quaternion (w, x, y, z), from those by turns about the axes of the turned frame."""
     # the angles change by twice the vector part of the conjugate quaternion times its change
     w, x, y, z = quaternion

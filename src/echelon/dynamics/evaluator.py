@@ -52,7 +52,9 @@ class CompiledAssembly(Assembly):
         q, done = guess, np.zeros(len(guess), dtype=np.bool_)
         for _ in range(_FEW):
             moved = self.run("closed_positions", q=q)
-            done = largest((moved - q) / self.position_units) < _STEP  # false where a singular one makes it NaN
+            done = (
+                largest((moved - q) / self.position_units) < _STEP
+            )  # false where a singular one makes it NaN
             q = np.where(np.isfinite(moved), moved, q)
             if done.all():
                 break
@@ -70,15 +72,24 @@ class CompiledAssembly(Assembly):
         if singular.any():
             sample = int(singular.argmax())
             place = int(np.argmin(np.nan_to_num(pivots[sample])))
-            self._refuse_singular(sample, self._kernels["closure_pivots"].function.axes[0][place])
+            self._refuse_singular(
+                sample, self._kernels["closure_pivots"].function.axes[0][place]
+            )
         trust = np.sqrt(pivots.min(axis=1, initial=1.0))
         self._check_closed(found["q"], trust)
         if len(trust) and not self._determined:
-            self.virtual_velocities(found["q"][:1])  # refuses outputs and coordinates that redundant constraints forbid
+            self.virtual_velocities(
+                found["q"][:1]
+            )  # refuses outputs and coordinates that redundant constraints forbid
             self._determined = True
-        for name, function in (("qd", "closed_velocities"), ("qdd", "closed_accelerations")):
+        for name, function in (
+            ("qd", "closed_velocities"),
+            ("qdd", "closed_accelerations"),
+        ):
             if name in state:
-                found[name] = self._independent_rates(name, function, found, state, trust)
+                found[name] = self._independent_rates(
+                    name, function, found, state, trust
+                )
         return found
 
     def _positions(self, q: Floats) -> Floats:
@@ -88,7 +99,12 @@ class CompiledAssembly(Assembly):
         return self.from_independent(q)
 
     def _independent_rates(
-        self, name: str, function: str, found: Mapping[str, Floats], state: Mapping[str, Floats], trust: Floats
+        self,
+        name: str,
+        function: str,
+        found: Mapping[str, Floats],
+        state: Mapping[str, Floats],
+        trust: Floats,
     ) -> Floats:
         mechanism, given = self.mechanism, state[name]
         names, free = mechanism.velocities, mechanism.independent_velocities
@@ -125,7 +141,9 @@ class CompiledAssembly(Assembly):
         """Evaluate a recorded function at ``q`` of all coordinates, ``qd`` and ``qdd`` of the independent ones."""
         kernel = self._kernels[name]
         names = {argument.name for argument in kernel.function.arguments}
-        return kernel({**{k: v for k, v in state.items() if k in names}, **self._geometry[name]})
+        return kernel(
+            {**{k: v for k, v in state.items() if k in names}, **self._geometry[name]}
+        )
 
     @cached_property
     def _kernels(self) -> dict[str, Kernel]:
@@ -135,11 +153,14 @@ class CompiledAssembly(Assembly):
     @cached_property
     def _geometry(self) -> dict[str, dict[str, Floats]]:
         return {
-            n: geometry_values(self.mechanism, k.function.arguments, self.symbols) for n, k in self._kernels.items()
+            n: geometry_values(self.mechanism, k.function.arguments, self.symbols)
+            for n, k in self._kernels.items()
         }
 
 
-def _check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
+def _check_shape(
+    values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]
+) -> None:
     """Refuse values that are neither those of all coordinates nor those of the independent ones."""
     if values.ndim != 2 or values.shape[1] != len(independent):
         raise InputError(
@@ -159,10 +180,18 @@ class ClosedStates:
         self, values: Mapping[str, npt.ArrayLike], symbols: Mapping[str, float] | None
     ) -> dict[str, Floats]:
         """See :meth:`CompiledAssembly.independent_state`."""
-        moving = {name: np.atleast_2d(real_array(name, array)) for name, array in values.items()}
-        if len({array.shape[:-1] for array in moving.values()}) > 1 or moving["q"].ndim != 2:
+        moving = {
+            name: np.atleast_2d(real_array(name, array))
+            for name, array in values.items()
+        }
+        if (
+            len({array.shape[:-1] for array in moving.values()}) > 1
+            or moving["q"].ndim != 2
+        ):
             shown = ", ".join(f"{name} {array.shape}" for name, array in moving.items())
-            raise InputError(f"expected states of shape (samples, size), as many of each kind; got {shown}")
+            raise InputError(
+                f"expected states of shape (samples, size), as many of each kind; got {shown}"
+            )
         if self._last is None or self._last[0] != (symbols or {}):
             self._last = dict(symbols or {}), CompiledAssembly(self.mechanism, symbols)
         return self._last[1].independent_state(moving)
@@ -189,7 +218,9 @@ def function_values(
     for name in arguments.keys() & {*STATE, "parameters", STANDARD}:
         value_of(arguments[name], values)
     if loops is not None:
-        values |= loops.independent_state({name: state[name] for name in STATE if name in arguments}, symbols)
+        values |= loops.independent_state(
+            {name: state[name] for name in STATE if name in arguments}, symbols
+        )
     labels = arguments["symbols"].labels if "symbols" in arguments else ()
     if labels or symbols:
         known = symbol_values(mechanism, labels, symbols)
@@ -206,18 +237,27 @@ def _check_inputs(mechanism: Mechanism, inputs: Mapping[str, npt.ArrayLike]) -> 
     valid = [*mechanism.velocities, *(a.name for a in mechanism.transmission.actuators)]
     strange = next((name for name in inputs if name not in valid), None)
     if strange is not None:
-        raise InputError(f"inputs has '{strange}'; expected names of {', '.join(dict.fromkeys(valid))}")
+        raise InputError(
+            f"inputs has '{strange}'; expected names of {', '.join(dict.fromkeys(valid))}"
+        )
 
 
 def _measured(argument: Argument, inputs: Mapping[str, npt.ArrayLike]) -> Floats:
     """Measured inputs as columns."""
     missing = next((name for name in argument.labels if name not in inputs), None)
     if missing is not None:
-        raise InputError(f"the measured input i[{missing}] is needed; give it as inputs={{'{missing}': ...}}")
-    columns = [np.atleast_1d(real_array(f"inputs['{name}']", inputs[name])) for name in argument.labels]
+        raise InputError(
+            f"the measured input i[{missing}] is needed; give it as inputs={{'{missing}': ...}}"
+        )
+    columns = [
+        np.atleast_1d(real_array(f"inputs['{name}']", inputs[name]))
+        for name in argument.labels
+    ]
     if any(column.ndim != 1 or len(column) != len(columns[0]) for column in columns):
         shapes = ", ".join(str(column.shape) for column in columns)
-        raise InputError(f"measured inputs must be vectors of equal length; got shapes {shapes}")
+        raise InputError(
+            f"measured inputs must be vectors of equal length; got shapes {shapes}"
+        )
     return np.stack(columns, axis=1)
 
 
@@ -229,7 +269,12 @@ class Evaluator:
     """
 
     def __init__(
-        self, mechanism: Mechanism, function: Function, *, sparse: bool = False, loops: ClosedStates | None = None
+        self,
+        mechanism: Mechanism,
+        function: Function,
+        *,
+        sparse: bool = False,
+        loops: ClosedStates | None = None,
     ) -> None:
         self.mechanism, self.function, self._loops = mechanism, function, loops
         self.kernel = Kernel(function, sparse=sparse)
@@ -246,5 +291,7 @@ class Evaluator:
 
         With loops, each of ``q``, ``qd`` and ``qdd`` may be that of the independent coordinates only.
         """
-        values = function_values(self.mechanism, self.function, state, symbols, inputs, self._loops)
+        values = function_values(
+            self.mechanism, self.function, state, symbols, inputs, self._loops
+        )
         return self.kernel(values, out, threads)

@@ -42,7 +42,13 @@ def closed_positions(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     meaning = "positions nearer to where the loops are closed (one step of Newton's iteration); independent ones stay"
     units = tuple(coordinate_units(mechanism, "q"))
     return motion_function(
-        "closed_positions", motion, motion.closed_positions(), mechanism.positions, "q", meaning, units
+        "closed_positions",
+        motion,
+        motion.closed_positions(),
+        mechanism.positions,
+        "q",
+        meaning,
+        units,
     )
 
 
@@ -60,7 +66,14 @@ def closure_pivots(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     """Record how far every dependent coordinate is from being undetermined."""
     motion = _motion(mechanism, "closure_pivots")
     meaning = "squares of sines, 0 where the dependent coordinate does not follow from the others: a singular position"
-    return motion_function("closure_pivots", motion, list(motion.pivots.values()), tuple(motion.pivots), "q", meaning)
+    return motion_function(
+        "closure_pivots",
+        motion,
+        list(motion.pivots.values()),
+        tuple(motion.pivots),
+        "q",
+        meaning,
+    )
 
 
 def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
@@ -69,48 +82,78 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     Components that redundant constraints leave undetermined are left out.  Base parameters do not determine the others:
     they are functions of all standard parameters.
     """
-    recorded = RecordedOutputs(mechanism, range(len(mechanism.parameters)), dependent=True)
+    recorded = RecordedOutputs(
+        mechanism, range(len(mechanism.parameters)), dependent=True
+    )
     motion = _not_of_tree(mechanism, "constraint_forces", recorded.dependent_motion)
     forces = dict(zip(motion.dependent, recorded.forces(), strict=True))
-    found, shares = _labelled(motion.closing_wrenches(forces)), _determined(mechanism, motion)
+    found, shares = (
+        _labelled(motion.closing_wrenches(forces)),
+        _determined(mechanism, motion),
+    )
     kept = tuple(name for name, share in shares.items() if share > 1 - _DETERMINED)
     if not kept:
-        raise InputError("redundant constraints leave all forces of the closures undetermined")
+        raise InputError(
+            "redundant constraints leave all forces of the closures undetermined"
+        )
     meaning = "moments and forces of closures on their second bodies, about the first frame's origin, in its axes"
     left_out = ", ".join(name for name in shares if name not in kept)
-    meaning += f"; redundant constraints leave undetermined: {left_out}" if left_out else ""
+    meaning += (
+        f"; redundant constraints leave undetermined: {left_out}" if left_out else ""
+    )
     units = tuple("N" if "force" in name else "N*m" for name in kept)
     entries: dict[Index, Scalar] = {(k,): found[name] for k, name in enumerate(kept)}
     arguments = "q qd qdd inputs parameters symbols"
-    return recorded.arguments.function("constraint_forces", entries, (kept,), arguments, meaning, units)
+    return recorded.arguments.function(
+        "constraint_forces", entries, (kept,), arguments, meaning, units
+    )
 
 
 def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, float]:
     """How much of every component of closing wrenches the motion determines in some closed states."""
     from echelon.loops import real_inputs  # robots without loops do without it
 
-    shares = {name: value for name, value in _labelled(motion.determined()).items() if value.number is None}
+    shares = {
+        name: value
+        for name, value in _labelled(motion.determined()).items()
+        if value.number is None
+    }
     values = real_inputs(mechanism, random_generator(DEFAULT_SEED), _STATES)
     schedule = Schedule(motion.program, [share.node for share in shares.values()])
-    leaves = {node: values[motion.program.inputs[node].name] for node in schedule.leaves}
-    with np.errstate(invalid="ignore"):  # a component that is zero in all poses has no share
+    leaves = {
+        node: values[motion.program.inputs[node].name] for node in schedule.leaves
+    }
+    with np.errstate(
+        invalid="ignore"
+    ):  # a component that is zero in all poses has no share
         found = schedule.run(FloatArithmetic(), leaves, _STATES)
     least = zip(shares, found.min(axis=1).tolist(), strict=True)
     return {name: share for name, share in least if not np.isnan(share)}
 
 
 def _labelled(wrenches: Mapping[str, tuple[Scalar, ...]]) -> dict[str, Scalar]:
-    pairs = ((name, zip(_COMPONENTS, wrench, strict=True)) for name, wrench in wrenches.items())
-    return {f"{name}: {component}": value for name, wrench in pairs for component, value in wrench}
+    pairs = (
+        (name, zip(_COMPONENTS, wrench, strict=True))
+        for name, wrench in wrenches.items()
+    )
+    return {
+        f"{name}: {component}": value
+        for name, wrench in pairs
+        for component, value in wrench
+    }
 
 
 def _motion(mechanism: Mechanism, name: str) -> DependentMotion:
     return _not_of_tree(mechanism, name, dependent_motion(mechanism, Program()))
 
 
-def _not_of_tree(mechanism: Mechanism, name: str, motion: DependentMotion | None) -> DependentMotion:
+def _not_of_tree(
+    mechanism: Mechanism, name: str, motion: DependentMotion | None
+) -> DependentMotion:
     if motion is None:
-        raise InputError(f"{name} is a function of mechanisms with loops; {mechanism.name} has none")
+        raise InputError(
+            f"{name} is a function of mechanisms with loops; {mechanism.name} has none"
+        )
     return motion
 
 
@@ -120,7 +163,15 @@ def _rates(mechanism: Mechanism, kind: str, what: str, arguments: str) -> Functi
     given = motion.given()
     values = [given[f"{kind}[{n}]"] for n in mechanism.velocities]
     units = tuple(coordinate_units(mechanism, kind))
-    return motion_function(name, motion, values, mechanism.velocities, arguments, f"{what} of all coordinates", units)
+    return motion_function(
+        name,
+        motion,
+        values,
+        mechanism.velocities,
+        arguments,
+        f"{what} of all coordinates",
+        units,
+    )
 
 
 def motion_function(
@@ -135,19 +186,35 @@ def motion_function(
     """A function of positions, and perhaps independent velocities and accelerations."""
     entries: dict[Index, Scalar] = {(k,): value for k, value in enumerate(values)}
     make = Arguments(motion.mechanism, motion.program, {})
-    return make.function(name, entries, (labels,), f"{arguments} symbols", meaning, units)
+    return make.function(
+        name, entries, (labels,), f"{arguments} symbols", meaning, units
+    )
 
 
 Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 
-Parts = Callable[[RecordedOutputs], Sequence[Scalar]]  # what every output is, or a part of it
+Parts = Callable[
+    [RecordedOutputs], Sequence[Scalar]
+]  # what every output is, or a part of it
 
 _VECTORS: Mapping[str, tuple[Parts, str, str]] = {
-    "inverse_dynamics": (RecordedOutputs.forces, "q qd qdd inputs", "outputs that a motion needs"),
+    "inverse_dynamics": (
+        RecordedOutputs.forces,
+        "q qd qdd inputs",
+        "outputs that a motion needs",
+    ),
     "gravity": (RecordedOutputs.weight, "q", "outputs that hold the bodies' weight"),
-    "coriolis": (lambda r: r.inertial(False, "qdd"), "q qd", "Coriolis and centrifugal outputs"),
-    "effects": (lambda r: r.effects("qdd"), "q qd inputs", "outputs of friction, springs and other effects"),
+    "coriolis": (
+        lambda r: r.inertial(False, "qdd"),
+        "q qd",
+        "Coriolis and centrifugal outputs",
+    ),
+    "effects": (
+        lambda r: r.effects("qdd"),
+        "q qd inputs",
+        "outputs of friction, springs and other effects",
+    ),
 }
 """Functions with one value for each output: what is recorded, of which arguments, and its meaning."""
 
@@ -155,10 +222,14 @@ _VECTORS: Mapping[str, tuple[Parts, str, str]] = {
 def vector(name: str, recorded: RecordedOutputs) -> Function:
     """Record one of the functions in :data:`_VECTORS`."""
     parts, arguments, meaning = _VECTORS[name]
-    entries: dict[Index, Scalar] = {(row,): force for row, force in enumerate(parts(recorded))}
+    entries: dict[Index, Scalar] = {
+        (row,): force for row, force in enumerate(parts(recorded))
+    }
     units = tuple(output.unit for output in recorded.mechanism.outputs)
     arguments = f"{arguments} parameters symbols"
-    return recorded.arguments.function(name, entries, (recorded.names,), arguments, meaning, units)
+    return recorded.arguments.function(
+        name, entries, (recorded.names,), arguments, meaning, units
+    )
 
 
 def mass_matrix(recorded: RecordedOutputs) -> Function:
@@ -168,7 +239,9 @@ def mass_matrix(recorded: RecordedOutputs) -> Function:
         entries[index] = entries[index] + slope
     axes = (recorded.names, recorded.mechanism.independent_velocities)
     meaning = "outputs per unit of each acceleration"
-    return recorded.arguments.function("mass_matrix", entries, axes, "q parameters symbols", meaning)
+    return recorded.arguments.function(
+        "mass_matrix", entries, axes, "q parameters symbols", meaning
+    )
 
 
 def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
@@ -183,7 +256,9 @@ def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
     meaning = "derivatives of the inverse dynamics by positions and velocities"
     axes = (recorded.names, recorded.state)
     arguments = "q qd qdd inputs parameters symbols"
-    return recorded.arguments.function("inverse_dynamics_derivatives", entries, axes, arguments, meaning)
+    return recorded.arguments.function(
+        "inverse_dynamics_derivatives", entries, axes, arguments, meaning
+    )
 
 
 def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
@@ -194,7 +269,9 @@ def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     arguments = Arguments(mechanism, forms.program, parameters)
     made = arguments.of(["q", "qd", "qdd", "inputs", "symbols"], forms.entries.values())
     meaning = "outputs per unit of each parameter"
-    entries: dict[Index, int] = {(row, column): node for (row, column), node in forms.entries.items()}
+    entries: dict[Index, int] = {
+        (row, column): node for (row, column), node in forms.entries.items()
+    }
     axes = (row_names(mechanism), tuple(parameters))
     return Function("regressor", forms.program, made, entries, axes, meaning=meaning)
 
@@ -203,7 +280,10 @@ def _cheapest(build: Callable[[RecordedOutputs], Function]) -> Builder:
     """Record with and without sums of angles, and keep what costs less."""
 
     def builder(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
-        return min((build(RecordedOutputs(mechanism, pivots, sums)) for sums in (False, True)), key=_price)
+        return min(
+            (build(RecordedOutputs(mechanism, pivots, sums)) for sums in (False, True)),
+            key=_price,
+        )
 
     return builder
 
@@ -211,7 +291,11 @@ def _cheapest(build: Callable[[RecordedOutputs], Function]) -> Builder:
 def _price(function: Function) -> int:
     """Time per sample, roughly: sines, exponentials and the like cost several multiplications each."""
     counts = function.operations()
-    return sum(n * (_FUNCTION_PRICE if Op[name] >= Op.SIN else 1) for name, n in counts.items() if name != "NEG")
+    return sum(
+        n * (_FUNCTION_PRICE if Op[name] >= Op.SIN else 1)
+        for name, n in counts.items()
+        if name != "NEG"
+    )
 
 
 _FUNCTION_PRICE = 25
@@ -245,5 +329,7 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
     ``q`` holds all positions, which must be closed, and ``qd`` and ``qdd`` are independent.
     """
     if name not in ALL_FUNCTIONS:
-        raise InputError(f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})")
+        raise InputError(
+            f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})"
+        )
     return ALL_FUNCTIONS[name](mechanism, pivots)

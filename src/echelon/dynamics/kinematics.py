@@ -11,18 +11,32 @@ from echelon.arrays import Floats
 from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.steps import Mat, Recorder, Step, Vec, add, apply, forward, identity, product
+from echelon.mechanism.steps import (
+    Mat,
+    Recorder,
+    Step,
+    Vec,
+    add,
+    apply,
+    forward,
+    identity,
+    product,
+)
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
 from echelon.program.tape import Program
 
-_ENTRIES = 12  # of a frame: its rotation's rows, each followed by a coordinate of its origin
+_ENTRIES = (
+    12  # of a frame: its rotation's rows, each followed by a coordinate of its origin
+)
 
 
 class Kinematics:
     """Frames of the bodies of a mechanism, in machine code."""
 
-    def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None
+    ) -> None:
         self.mechanism = mechanism
         self._program = Program()
         self._nodes = [
@@ -31,7 +45,9 @@ class Kinematics:
             for row, x in zip(rotation, shift, strict=True)
             for entry in (*row, x)
         ]
-        self._arguments = Arguments(mechanism, self._program, {}).of(("q", "symbols"), self._nodes)
+        self._arguments = Arguments(mechanism, self._program, {}).of(
+            ("q", "symbols"), self._nodes
+        )
         self._symbols = geometry_values(mechanism, self._arguments, symbols)
 
     def frames(self, q: npt.ArrayLike) -> Floats:
@@ -47,7 +63,9 @@ class Kinematics:
     @cached_property
     def _values(self) -> Kernel:
         entries: dict[tuple[int, ...], int] = {
-            (k,): node for k, node in enumerate(self._nodes) if node != self._program.zero.node
+            (k,): node
+            for k, node in enumerate(self._nodes)
+            if node != self._program.zero.node
         }
         return Kernel(self._function("frames", entries, (self._labels,)))
 
@@ -55,14 +73,25 @@ class Kinematics:
     def _derivatives(self) -> Kernel:
         found = derivatives(self._program, self._nodes, self._arguments[0].nodes)
         entries: dict[tuple[int, ...], int] = dict(found.items())
-        return Kernel(self._function("frame_slopes", entries, (self._labels, self._arguments[0].labels)))
+        return Kernel(
+            self._function(
+                "frame_slopes", entries, (self._labels, self._arguments[0].labels)
+            )
+        )
 
     @cached_property
     def _labels(self) -> tuple[str, ...]:
-        return tuple(f"{body.name}[{k}]" for body in self.mechanism.bodies for k in range(_ENTRIES))
+        return tuple(
+            f"{body.name}[{k}]"
+            for body in self.mechanism.bodies
+            for k in range(_ENTRIES)
+        )
 
     def _function(
-        self, name: str, entries: Mapping[tuple[int, ...], int], axes: tuple[tuple[str, ...], ...]
+        self,
+        name: str,
+        entries: Mapping[tuple[int, ...], int],
+        axes: tuple[tuple[str, ...], ...],
     ) -> Function:
         return Function(name, self._program, self._arguments, entries, axes)
 
@@ -70,7 +99,11 @@ class Kinematics:
 def body_frames(recorder: Recorder) -> list[tuple[Mat, Vec]]:
     """Record rotation and origin of every body's frame in the base frame."""
     base = identity(recorder.program), recorder.zeros
-    frames = forward(recorder.mechanism, base, lambda frame, index: reduce(moved, recorder.steps(index), frame))
+    frames = forward(
+        recorder.mechanism,
+        base,
+        lambda frame, index: reduce(moved, recorder.steps(index), frame),
+    )
     return [frames[index] for index in range(len(recorder.mechanism.bodies))]
 
 
@@ -79,4 +112,6 @@ def moved(frame: tuple[Mat, Vec], step: Step) -> tuple[Mat, Vec]:
     rotation, shift = frame
     if step.shift is not None:
         shift = add(shift, apply(rotation, step.shift))
-    return (rotation if step.rotation is None else product(rotation, step.rotation)), shift
+    return (
+        rotation if step.rotation is None else product(rotation, step.rotation)
+    ), shift

@@ -25,15 +25,36 @@ import numpy as np
 
 from echelon.conventions import PER_BODY
 from echelon.dynamics.arguments import Arguments, parameter_input, row_names
-from echelon.dynamics.composite import by_quaternion, effort_derivatives, efforts_at_rest, mass_matrix
+from echelon.dynamics.composite import (
+    by_quaternion,
+    effort_derivatives,
+    efforts_at_rest,
+    mass_matrix,
+)
 from echelon.dynamics.recursion import MASS, ForwardPass, efforts
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.inertia import Array, pseudo_inertia
 from echelon.mechanism.effect import Side
-from echelon.mechanism.joint import GROUND, ORIGIN, Joint, MotionKind, Placement, Step, Vector, merge
+from echelon.mechanism.joint import (
+    GROUND,
+    ORIGIN,
+    Joint,
+    MotionKind,
+    Placement,
+    Step,
+    Vector,
+    merge,
+)
 from echelon.mechanism.mechanism import Cut, Mechanism
-from echelon.mechanism.steps import EffectRecorder, Probes, Recorder, VirtualMotion, motion_of_joints, virtual_motion
+from echelon.mechanism.steps import (
+    EffectRecorder,
+    Probes,
+    Recorder,
+    VirtualMotion,
+    motion_of_joints,
+    virtual_motion,
+)
 from echelon.mechanism.steps import Step as Recorded
 from echelon.program.derivatives import derivatives
 from echelon.program.operations import Op
@@ -54,16 +75,28 @@ class RecordedOutputs:
     the tree at the dependent coordinates instead of outputs, in terms of standard parameters.
     """
 
-    def __init__(self, mechanism: Mechanism, pivots: Sequence[int], sums: bool = True, dependent: bool = False) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        pivots: Sequence[int],
+        sums: bool = True,
+        dependent: bool = False,
+    ) -> None:
         columns = mechanism.columns
         strange = next((p for p in pivots if not 0 <= p < len(columns)), None)
         if strange is not None or len(set(pivots)) < len(pivots):
-            raise InputError(f"pivots are different column numbers from 0 to {len(columns) - 1}, got {list(pivots)}")
+            raise InputError(
+                f"pivots are different column numbers from 0 to {len(columns) - 1}, got {list(pivots)}"
+            )
         self.mechanism, self.program, self._sums = mechanism, Program(), sums
         self._reframed = reframed(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
-        inputs = {p: parameter_input(columns[p].name, standard=dependent) for p in pivots}
-        self._values = {p: self.program.input(name, "symbol") for p, name in inputs.items()}
+        inputs = {
+            p: parameter_input(columns[p].name, standard=dependent) for p in pivots
+        }
+        self._values = {
+            p: self.program.input(name, "symbol") for p, name in inputs.items()
+        }
         self.dependent_motion = dependent_motion(mechanism, self.program)
         self.names = row_names(mechanism)
         self._dependent = dependent
@@ -78,7 +111,9 @@ class RecordedOutputs:
     @property
     def arguments(self) -> Arguments:
         """Of functions of these outputs."""
-        return Arguments(self.mechanism, self.program, self.parameters, standard=self._dependent)
+        return Arguments(
+            self.mechanism, self.program, self.parameters, standard=self._dependent
+        )
 
     # -- parts -------------------------------------------------------------------------------------------------
 
@@ -87,7 +122,9 @@ class RecordedOutputs:
 
         ``still`` names rates that are zero, ``"qd"`` or ``"qdd"``; with loops the independent ones.
         """
-        return self._rows(efforts(self._inertias, self._motion(*still, gravity=gravity)))
+        return self._rows(
+            efforts(self._inertias, self._motion(*still, gravity=gravity))
+        )
 
     def forces(self) -> list[Scalar]:
         """Inertial forces with gravity, and all effects, one for each row."""
@@ -99,13 +136,17 @@ class RecordedOutputs:
 
     def inertial_mass(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by the accelerations, by row and column."""
-        return self._outer(mass_matrix(self._inertias, self._motion("qd", "qdd", gravity=False)))
+        return self._outer(
+            mass_matrix(self._inertias, self._motion("qd", "qdd", gravity=False))
+        )
 
     def inertial_derivatives(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by row and column; columns are positions, then velocities."""
         mechanism = self._reframed.mechanism
         if self.dependent_motion is not None:
-            return self._derivatives_in_loops(self.dependent_motion, self.inertial(True))
+            return self._derivatives_in_loops(
+                self.dependent_motion, self.inertial(True)
+            )
         if not all(coupling.is_linear for coupling in mechanism.couplings):
             return self._derivatives_on_sphere(self.inertial(True))
         inertias, state = self._inertias, self._motion()
@@ -118,7 +159,11 @@ class RecordedOutputs:
                 own = [by_angle[row, place + k] for k in range(len(motion.velocities))]
                 place += len(own)
                 ball = motion.kind is MotionKind.BALL
-                slopes += by_quaternion(state.recorder.coordinates[motion.name].position, own) if ball else own
+                slopes += (
+                    by_quaternion(state.recorder.coordinates[motion.name].position, own)
+                    if ball
+                    else own
+                )
             slopes += [by_rate[row, k] for k in range(place)]
             found |= {(row, column): slope for column, slope in enumerate(slopes)}
         return found
@@ -126,18 +171,37 @@ class RecordedOutputs:
     def effect_derivatives(self) -> dict[Index, Scalar]:
         """Derivatives of the forces of effects by the state."""
         forces, motion = self.effects(), self.dependent_motion
-        return self._derivatives(forces) if motion is None else self._derivatives_in_loops(motion, forces)
+        return (
+            self._derivatives(forces)
+            if motion is None
+            else self._derivatives_in_loops(motion, forces)
+        )
 
-    def _derivatives_in_loops(self, motion: DependentMotion, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
+    def _derivatives_in_loops(
+        self, motion: DependentMotion, forces: Sequence[Scalar]
+    ) -> dict[Index, Scalar]:
         """The same, along the motions of the independent coordinates."""
         program, free = self.program, self.mechanism.independent_velocities
-        along = [motion.position_rates(speeds) for speeds in self._unit_motions.values()]
+        along = [
+            motion.position_rates(speeds) for speeds in self._unit_motions.values()
+        ]
         along += [{program.input(f"qd[{name}]").node: program.one} for name in free]
         inputs = list(dict.fromkeys(node for rates in along for node in rates))
-        found = derivatives(program, [force.node for force in forces], inputs, reverse=True)
-        slopes = {(row, inputs[k]): Scalar(program, node) for (row, k), node in found.items()}
+        found = derivatives(
+            program, [force.node for force in forces], inputs, reverse=True
+        )
+        slopes = {
+            (row, inputs[k]): Scalar(program, node) for (row, k), node in found.items()
+        }
         return {
-            (row, k): sum((slopes[row, n] * rate for n, rate in rates.items() if (row, n) in slopes), program.zero)
+            (row, k): sum(
+                (
+                    slopes[row, n] * rate
+                    for n, rate in rates.items()
+                    if (row, n) in slopes
+                ),
+                program.zero,
+            )
             for k, rates in enumerate(along)
             for row in range(len(forces))
         }
@@ -154,11 +218,16 @@ class RecordedOutputs:
         # forces that dependent joints pass on with ratios that vary need it; those of constant ratios come cheaper
         program, found = self.program, self._derivatives(forces)
         for motion in (m for m in self.mechanism.motions if m.kind is MotionKind.BALL):
-            columns = [self.mechanism.positions.index(name) for name in motion.positions]
+            columns = [
+                self.mechanism.positions.index(name) for name in motion.positions
+            ]
             quaternion = [program.input(f"q[{name}]") for name in motion.positions]
             for row in range(len(forces)):
                 own = [found.get((row, column), program.zero) for column in columns]
-                along = sum((slope * part for slope, part in zip(own, quaternion, strict=True)), program.zero)
+                along = sum(
+                    (slope * part for slope, part in zip(own, quaternion, strict=True)),
+                    program.zero,
+                )
                 for column, slope, part in zip(columns, own, quaternion, strict=True):
                     found[row, column] = slope - along * part
         return {
@@ -177,7 +246,11 @@ class RecordedOutputs:
                 if cause in moved:
                     efforts[effort] = efforts.get(effort, zero) + entry * moved[cause]
             for row, motion in enumerate(self._motions):
-                terms = (efforts[n] * weight for n, weight in motion.freedoms.items() if n in efforts)
+                terms = (
+                    efforts[n] * weight
+                    for n, weight in motion.freedoms.items()
+                    if n in efforts
+                )
                 found[row, column] = sum(terms, zero)
         return found
 
@@ -191,21 +264,30 @@ class RecordedOutputs:
     def effect_inertia(self) -> dict[Index, Scalar]:
         """Derivatives of the effects' forces by the accelerations, by row and column."""
         program, total = self.program, dict[Index, Scalar]()
-        inputs = [program.input(f"qdd[{name}]").node for name in self.mechanism.independent_velocities]
+        inputs = [
+            program.input(f"qdd[{name}]").node
+            for name in self.mechanism.independent_velocities
+        ]
         for name, row, force in self._effect_terms():
             slopes = derivatives(program, [force.node], inputs)
-            if _varies(program, slopes.values(), ("qd[", "qdd[", "i[")) or _varies(program, _signs(force), ("qdd[",)):
+            if _varies(program, slopes.values(), ("qd[", "qdd[", "i[")) or _varies(
+                program, _signs(force), ("qdd[",)
+            ):
                 raise InputError(
                     f"effect '{name}' is not linear in the accelerations, with positions alone in the factor, so there "
                     "is no mass matrix M(q); leave its parameter out or use the inverse dynamics"
                 )
             for (_, column), node in slopes.items():
-                total[row, column] = total.get((row, column), program.zero) + Scalar(program, node)
+                total[row, column] = total.get((row, column), program.zero) + Scalar(
+                    program, node
+                )
         return total
 
     def _effect_terms(self, *still: str) -> Iterator[tuple[str, int, Scalar]]:
         """Effects by name, and what they add to rows."""
-        recorder = EffectRecorder(self.mechanism, Recorder(self.mechanism, self.program, self._given(*still)))
+        recorder = EffectRecorder(
+            self.mechanism, Recorder(self.mechanism, self.program, self._given(*still))
+        )
         first = len(self.mechanism.parameters) - len(self.mechanism.effects)
         for column, effect in enumerate(self.mechanism.effects, first):
             if column not in self._values:
@@ -214,7 +296,11 @@ class RecordedOutputs:
                 for row, motion in enumerate(self._motions):
                     speeds = motion.freedoms if side is Side.JOINT else motion.drives
                     if at in speeds:
-                        yield effect.parameter, row, self._values[column] * speeds[at] * force
+                        yield (
+                            effect.parameter,
+                            row,
+                            self._values[column] * speeds[at] * force,
+                        )
 
     # -- what they share -----------------------------------------------------------------------------------------
 
@@ -222,22 +308,35 @@ class RecordedOutputs:
         """Values that stand in for inputs: zeros, and dependent velocities and accelerations."""
         if self.dependent_motion is not None:
             return self.dependent_motion.given(*still)
-        return {f"{kind}[{name}]": self.program.zero for kind in still for name in self.mechanism.velocities}
+        return {
+            f"{kind}[{name}]": self.program.zero
+            for kind in still
+            for name in self.mechanism.velocities
+        }
 
     def _motion(self, *still: str, gravity: bool = True) -> ForwardPass:
         recorder = Recorder(self._reframed.mechanism, self.program, self._given(*still))
         base = recorder.gravity() if gravity else recorder.zeros
-        return ForwardPass(recorder, Probes(recorder.mechanism, recorder), base, sums=self._sums)
+        return ForwardPass(
+            recorder, Probes(recorder.mechanism, recorder), base, sums=self._sums
+        )
 
     def _rows(self, efforts: Mapping[str, Scalar]) -> list[Scalar]:
         """Outputs that read efforts of freedoms."""
         zero = self.program.zero
-        return [sum((efforts[n] * speed for n, speed in m.freedoms.items()), zero) for m in self._motions]
+        return [
+            sum((efforts[n] * speed for n, speed in m.freedoms.items()), zero)
+            for m in self._motions
+        ]
 
     @cached_property
     def _inertias(self) -> dict[int, Array]:
         """Pseudo-inertias of the bodies that have some."""
-        return grouped_inertias(self._reframed, Recorder(self._reframed.mechanism, self.program), self._values)
+        return grouped_inertias(
+            self._reframed,
+            Recorder(self._reframed.mechanism, self.program),
+            self._values,
+        )
 
     @cached_property
     def _motions(self) -> list[VirtualMotion]:
@@ -247,29 +346,48 @@ class RecordedOutputs:
         probes = Probes(mechanism, recorder)
         closed = self.dependent_motion
         if closed is not None and self._dependent:
-            return [motion_of_joints(mechanism, recorder, {name: program.one}) for name in closed.dependent]
+            return [
+                motion_of_joints(mechanism, recorder, {name: program.one})
+                for name in closed.dependent
+            ]
         solved = None if closed is None else closed.speeds
-        return [virtual_motion(mechanism, probes, {o.name: program.one}, solved) for o in mechanism.outputs]
+        return [
+            virtual_motion(mechanism, probes, {o.name: program.one}, solved)
+            for o in mechanism.outputs
+        ]
 
     @cached_property
     def _unit_motions(self) -> dict[str, Mapping[str, Scalar]]:
         """For every independent velocity coordinate, the velocities of all coordinates while it alone has one."""
         mechanism, one = self.mechanism, self.program.one
-        recorder, found = Recorder(mechanism, self.program), dict[str, Mapping[str, Scalar]]()
+        recorder, found = (
+            Recorder(mechanism, self.program),
+            dict[str, Mapping[str, Scalar]](),
+        )
         for name in mechanism.independent_velocities:
-            moved = {} if self.dependent_motion is None else self.dependent_motion.speeds({name: one})
-            found[name] = motion_of_joints(mechanism, recorder, {name: one, **moved}).freedoms
+            moved = (
+                {}
+                if self.dependent_motion is None
+                else self.dependent_motion.speeds({name: one})
+            )
+            found[name] = motion_of_joints(
+                mechanism, recorder, {name: one, **moved}
+            ).freedoms
         return found
 
 
 def _signs(force: Scalar) -> list[int]:
     program = force.program
-    return [node for node in program.needed([force.node]) if program.ops[node] == Op.SIGN]
+    return [
+        node for node in program.needed([force.node]) if program.ops[node] == Op.SIGN
+    ]
 
 
 def _varies(program: Program, outputs: Iterable[int], kinds: tuple[str, ...]) -> bool:
     """Whether outputs depend on inputs of some kinds."""
-    names = (program.inputs[n].name for n in program.needed(outputs) if n in program.inputs)
+    names = (
+        program.inputs[n].name for n in program.needed(outputs) if n in program.inputs
+    )
     return any(name.startswith(kinds) for name in names)
 
 
@@ -281,13 +399,19 @@ class Reframed:
     """A mechanism whose bodies have other frames, with the same motion and the same forces."""
 
     mechanism: Mechanism
-    frames: dict[int, Placement]  # a body's new frame in its old one, where it is another
+    frames: dict[
+        int, Placement
+    ]  # a body's new frame in its old one, where it is another
 
 
 def reframed(mechanism: Mechanism) -> Reframed:
     """Put bodies' frames directly behind their joints, and along rotation axes to where the joint has no offset."""
     # a mechanism with sensors between bodies stays as it is, because these are placed in its frames
-    if any(isinstance(channel, Cut) for output in mechanism.outputs for channel, _ in output.terms):
+    if any(
+        isinstance(channel, Cut)
+        for output in mechanism.outputs
+        for channel, _ in output.terms
+    ):
         return Reframed(mechanism, {})
     frames: dict[int, Placement] = {}
     bodies = []
@@ -306,7 +430,9 @@ def reframed(mechanism: Mechanism) -> Reframed:
     return Reframed(replace(mechanism, bodies=tuple(bodies)), frames)
 
 
-def _without_placement_behind(steps: tuple[Step, ...]) -> tuple[tuple[Step, ...], Placement]:
+def _without_placement_behind(
+    steps: tuple[Step, ...],
+) -> tuple[tuple[Step, ...], Placement]:
     """Steps up to the last motion, and the placement that follows it."""
     if len(steps) > 1 and isinstance(steps[-1], Placement):
         return steps[:-1], steps[-1]
@@ -315,7 +441,11 @@ def _without_placement_behind(steps: tuple[Step, ...]) -> tuple[tuple[Step, ...]
 
 def _offset(joint: Joint, steps: tuple[Step, ...]) -> Vector:
     """What takes a joint's offset along its axis away, if the axis is along a coordinate axis of the parent."""
-    if len(steps) != 2 or len(joint.motions) != 1 or joint.motions[0].kind is not MotionKind.ROTATION:
+    if (
+        len(steps) != 2
+        or len(joint.motions) != 1
+        or joint.motions[0].kind is not MotionKind.ROTATION
+    ):
         return ORIGIN
     placed, motion = steps
     if not isinstance(placed, Placement) or motion is not joint.motions[0]:
@@ -324,7 +454,9 @@ def _offset(joint: Joint, steps: tuple[Step, ...]) -> Vector:
     direction = [row[axis] for row in placed.rotation]
     if sum(1 for entry in direction if entry) != 1:
         return ORIGIN
-    along = Polynomial.sum(a * b for a, b in zip(direction, placed.translation, strict=True))
+    along = Polynomial.sum(
+        a * b for a, b in zip(direction, placed.translation, strict=True)
+    )
     x, y, z = (-along if k == axis else Polynomial({}) for k in range(3))
     return (x, y, z)
 
@@ -332,32 +464,52 @@ def _offset(joint: Joint, steps: tuple[Step, ...]) -> Vector:
 # -- inertias ----------------------------------------------------------------------------------------------------------
 
 
-def grouped_inertias(reframed: Reframed, recorder: Recorder, parameters: Mapping[int, Scalar]) -> dict[int, Array]:
+def grouped_inertias(
+    reframed: Reframed, recorder: Recorder, parameters: Mapping[int, Scalar]
+) -> dict[int, Array]:
     """Pseudo-inertias [[Σ, h], [hᵀ, m]] about the new frames, of the bodies that have some.
 
     ``parameters`` belong to some columns of the regressor, about the original frames; all others are zero.
     """
     zero, mechanism = recorder.program.zero, reframed.mechanism
-    found = {index: np.full((4, 4), zero, dtype=object) for index in range(GROUND, len(mechanism.bodies))}
+    found = {
+        index: np.full((4, 4), zero, dtype=object)
+        for index in range(GROUND, len(mechanism.bodies))
+    }
     for index, first in mechanism.first_column.items():
         values = np.full((1, PER_BODY), zero, dtype=object)
         for offset, kind in enumerate(mechanism.bodies[index].carried):
             values[0, kind] = parameters.get(first + offset, zero)
         found[index] = pseudo_inertia(values)[0]
         if index in reframed.frames:
-            found[index] = _before(recorder.placement(reframed.frames[index].inverse()), found[index])
-    cuts = {channel.body for output in mechanism.outputs for channel, _ in output.terms if isinstance(channel, Cut)}
+            found[index] = _before(
+                recorder.placement(reframed.frames[index].inverse()), found[index]
+            )
+    cuts = {
+        channel.body
+        for output in mechanism.outputs
+        for channel, _ in output.terms
+        if isinstance(channel, Cut)
+    }
     for index in reversed(range(len(mechanism.bodies))):
         body = mechanism.bodies[index]
         axes = _movable(body.joint)
-        if axes and index not in cuts and not (body.parent == GROUND and GROUND in cuts):
+        if (
+            axes
+            and index not in cuts
+            and not (body.parent == GROUND and GROUND in cuts)
+        ):
             moved = np.full((4, 4), zero, dtype=object)
             moved[np.ix_(axes, axes)] = found[index][np.ix_(axes, axes)]
             found[index] = found[index] - moved
             for step in reversed(recorder.steps(index)):
                 moved = _before(step, moved)
             found[body.parent] = found[body.parent] + moved
-    return {i: pseudo for i, pseudo in found.items() if i != GROUND and not all(x.is_zero for x in pseudo.flat)}
+    return {
+        i: pseudo
+        for i, pseudo in found.items()
+        if i != GROUND and not all(x.is_zero for x in pseudo.flat)
+    }
 
 
 def _movable(joint: Joint) -> list[int]:
@@ -377,7 +529,9 @@ def _before(step: Recorded, pseudo: Array) -> Array:
     """A pseudo-inertia about the frame before a placement; a rotation does not change what lies on its axis."""
     if step.freedoms or step.rotation is None or step.shift is None:
         return pseudo
-    homogeneous = np.array([(*row, shift) for row, shift in zip(step.rotation, step.shift, strict=True)])
+    homogeneous = np.array(
+        [(*row, shift) for row, shift in zip(step.rotation, step.shift, strict=True)]
+    )
     homogeneous = np.vstack([homogeneous, [0, 0, 0, 1]])
     moved: Array = homogeneous @ pseudo @ homogeneous.T
     return moved

@@ -73,7 +73,11 @@ class FrameMotion:
         """U = ω̂̇ + ω̂²: the point at r accelerates by U r against the origin."""
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.products
         dx, dy, dz = self.angular_rate
-        rows = [[-(yy + zz), xy - dz, xz + dy], [xy + dz, -(xx + zz), yz - dx], [xz - dy, yz + dx, -(xx + yy)]]
+        rows = [
+            [-(yy + zz), xy - dz, xz + dy],
+            [xy + dz, -(xx + zz), yz - dx],
+            [xz - dy, yz + dx, -(xx + yy)],
+        ]
         if self.along is not None:
             axis, column = self.along
             for k in range(3):
@@ -124,14 +128,28 @@ class ForwardPass:
     Rotations about parallel axes are taken together if ``sums`` says so; gravity is that of the base frame, m/s².
     """
 
-    def __init__(self, recorder: Recorder, probes: Probes, gravity: Vec, *, sums: bool = False) -> None:
-        self.recorder, self.mechanism, self._probes = recorder, recorder.mechanism, probes
-        self._sums = sums and not probes.names  # a sensor reads all of the moment on its way
-        self.transforms: dict[int, list[Transform]] = {}  # from the parent's frame to every body's
+    def __init__(
+        self, recorder: Recorder, probes: Probes, gravity: Vec, *, sums: bool = False
+    ) -> None:
+        self.recorder, self.mechanism, self._probes = (
+            recorder,
+            recorder.mechanism,
+            probes,
+        )
+        self._sums = (
+            sums and not probes.names
+        )  # a sensor reads all of the moment on its way
+        self.transforms: dict[
+            int, list[Transform]
+        ] = {}  # from the parent's frame to every body's
         gx, gy, gz = gravity
-        ground = _Frame(FrameMotion(recorder.zeros, recorder.zeros, (-gx, -gy, -gz)), None)
+        ground = _Frame(
+            FrameMotion(recorder.zeros, recorder.zeros, (-gx, -gy, -gz)), None
+        )
         frames = forward(self.mechanism, ground, self._body)
-        self.transforms[GROUND] = self._sensed(ground, probes.steps(GROUND, on_parent=False))
+        self.transforms[GROUND] = self._sensed(
+            ground, probes.steps(GROUND, on_parent=False)
+        )
         self.motions = {index: frame.motion for index, frame in frames.items()}
 
     def _body(self, parent: _Frame, index: int) -> _Frame:
@@ -154,59 +172,108 @@ class ForwardPass:
             found.append(transform)
         return found
 
-    def _advanced(self, frame: _Frame, described: Described | None, step: Step) -> tuple[_Frame, Transform]:
+    def _advanced(
+        self, frame: _Frame, described: Described | None, step: Step
+    ) -> tuple[_Frame, Transform]:
         start = now = frame.motion
         parallel = frame.parallel
         if step.shift is not None:
-            now = FrameMotion(now.angular, now.angular_rate, add(now.linear, apply(now.field, step.shift)))
+            now = FrameMotion(
+                now.angular,
+                now.angular_rate,
+                add(now.linear, apply(now.field, step.shift)),
+            )
         if isinstance(described, Motion) and described.kind is MotionKind.ROTATION:
             return self._rotated(now, parallel, described, step)
         if step.rotation is not None:
-            angular, angular_rate, linear = (into_frame(step, v) for v in (now.angular, now.angular_rate, now.linear))
+            angular, angular_rate, linear = (
+                into_frame(step, v) for v in (now.angular, now.angular_rate, now.linear)
+            )
             now = FrameMotion(angular, angular_rate, linear)
         before = now.angular
         for freedom in step.freedoms:
             now = _moved(now, before, freedom)
         if parallel is not None and step.rotation is not None:
-            parallel = None if step.freedoms else replace(parallel, fixed=product(parallel.fixed, step.rotation))
+            parallel = (
+                None
+                if step.freedoms
+                else replace(parallel, fixed=product(parallel.fixed, step.rotation))
+            )
         return _Frame(now, parallel), Transform(step, start, now)
 
     def _rotated(
-        self, now: FrameMotion, parallel: ParallelRotations | None, motion: Motion, step: Step
+        self,
+        now: FrameMotion,
+        parallel: ParallelRotations | None,
+        motion: Motion,
+        step: Step,
     ) -> tuple[_Frame, Transform]:
         """A rotation about a coordinate axis."""
         (freedom,) = step.freedoms
         axis, sign = motion.axis, motion.sign
-        angle, program = self.recorder.coordinates[motion.name].position[0], self.recorder.program
+        angle, program = (
+            self.recorder.coordinates[motion.name].position[0],
+            self.recorder.program,
+        )
         c, s = angle.cos(), angle.sin() * sign
         way = 0 if parallel is None or not self._sums else _along(parallel, axis)
         if parallel is None or not way:
-            parallel = ParallelRotations(now, axis, c, s, sign * freedom.rate, identity(program))
+            parallel = ParallelRotations(
+                now, axis, c, s, sign * freedom.rate, identity(program)
+            )
             way = 1
         else:
             s, rate = way * s, parallel.rate + way * sign * freedom.rate
-            c, s = parallel.cosine * c - parallel.sine * s, parallel.sine * c + parallel.cosine * s
-            parallel = replace(parallel, cosine=c, sine=s, rate=rate, count=parallel.count + 1)
-        rotation = product(self.recorder.turn(parallel.axis, parallel.cosine, parallel.sine), parallel.fixed)
+            c, s = (
+                parallel.cosine * c - parallel.sine * s,
+                parallel.sine * c + parallel.cosine * s,
+            )
+            parallel = replace(
+                parallel, cosine=c, sine=s, rate=rate, count=parallel.count + 1
+            )
+        rotation = product(
+            self.recorder.turn(parallel.axis, parallel.cosine, parallel.sine),
+            parallel.fixed,
+        )
         back, unit = transpose(rotation), _with(self.recorder.zeros, axis, program.one)
-        angular, carried = apply(back, parallel.start.angular), apply(back, parallel.start.angular_rate)
+        angular, carried = (
+            apply(back, parallel.start.angular),
+            apply(back, parallel.start.angular_rate),
+        )
         angular_rate = add(carried, cross(angular, scale(unit, way * parallel.rate)))
         # points on the axis move as before the rotation: where ω has no part along it, only ω̇ moves them
-        along = (axis, cross(carried, unit)) if parallel.start.angular[parallel.axis].is_zero else None
+        along = (
+            (axis, cross(carried, unit))
+            if parallel.start.angular[parallel.axis].is_zero
+            else None
+        )
         moved = FrameMotion(
             _with(angular, axis, now.angular[axis] + sign * freedom.rate),
-            _with(angular_rate, axis, now.angular_rate[axis] + sign * freedom.acceleration),
+            _with(
+                angular_rate, axis, now.angular_rate[axis] + sign * freedom.acceleration
+            ),
             into_frame(step, now.linear),
             along,
         )
-        return _Frame(moved, parallel), Transform(step, now, moved, parallel, rotation, axis)
+        return _Frame(moved, parallel), Transform(
+            step, now, moved, parallel, rotation, axis
+        )
 
 
 def _moved(now: FrameMotion, before: Vec, freedom: Freedom) -> FrameMotion:
-    turning, sliding = scale(freedom.angular, freedom.rate), scale(freedom.linear, freedom.rate)
+    turning, sliding = (
+        scale(freedom.angular, freedom.rate),
+        scale(freedom.linear, freedom.rate),
+    )
     coriolis = cross(before, sliding)
-    rate = add(now.angular_rate, add(cross(before, turning), scale(freedom.angular, freedom.acceleration)))
-    linear = add(now.linear, add(add(coriolis, coriolis), scale(freedom.linear, freedom.acceleration)))
+    rate = add(
+        now.angular_rate,
+        add(cross(before, turning), scale(freedom.angular, freedom.acceleration)),
+    )
+    linear = add(
+        now.linear,
+        add(add(coriolis, coriolis), scale(freedom.linear, freedom.acceleration)),
+    )
     return FrameMotion(add(now.angular, turning), rate, linear)
 
 
@@ -232,7 +299,12 @@ def efforts(inertias: Mapping[int, Array], motion: ForwardPass) -> dict[str, Sca
     wrenches: dict[int, Wrench] = dict.fromkeys(motion.motions, (zeros, zeros))
     for index, inertia in inertias.items():
         wrenches[index] = body_wrench(motion.motions[index], inertia)
-    backward(motion.mechanism, wrenches, lambda wrench, index: down.carry(motion.transforms[index], wrench), plus)
+    backward(
+        motion.mechanism,
+        wrenches,
+        lambda wrench, index: down.carry(motion.transforms[index], wrench),
+        plus,
+    )
     return down.efforts
 
 
@@ -256,7 +328,9 @@ class BackwardPass:
         for transform in reversed(chain):
             step = transform.step
             for freedom in step.freedoms:
-                self.efforts[freedom.name] = dot(freedom.angular, moment) + dot(freedom.linear, force)
+                self.efforts[freedom.name] = dot(freedom.angular, moment) + dot(
+                    freedom.linear, force
+                )
             if step.rotation is not None:
                 force = apply(step.rotation, force)
                 moment = self._rotated(transform, step.rotation, moment)
@@ -269,7 +343,9 @@ class BackwardPass:
         if parallel is None or transform.rotation is None:
             return apply(rotation, moment)
         if parallel.count == 1:
-            return add(apply(rotation, moment), self._waiting.pop(parallel.start, zeros))
+            return add(
+                apply(rotation, moment), self._waiting.pop(parallel.start, zeros)
+            )
         across = _with(moment, transform.axis, zeros[0])
         waiting = self._waiting.get(parallel.start, zeros)
         self._waiting[parallel.start] = add(waiting, apply(transform.rotation, across))
@@ -280,14 +356,20 @@ def body_wrench(at: FrameMotion, inertia: Array) -> Wrench:
     """Wrench about the body's origin that its motion needs."""
     first: Vec = (inertia[0, MASS], inertia[1, MASS], inertia[2, MASS])
     force = add(apply(at.field, first), scale(at.linear, inertia[MASS, MASS]))
-    x, y, z = (_moment(at, inertia, *axes) for axes in ((1, 2, 0), (2, 0, 1), (0, 1, 2)))
+    x, y, z = (
+        _moment(at, inertia, *axes) for axes in ((1, 2, 0), (2, 0, 1), (0, 1, 2))
+    )
     return add((x, y, z), cross(first, at.linear)), force
 
 
 def _moment(at: FrameMotion, inertia: Array, i: int, j: int, k: int) -> Scalar:
     """Component k of vee(U Σ)."""
     u = at.field
-    mixed = (u[j][j] - u[i][i]) * inertia[i, j] + u[j][k] * inertia[i, k] - u[i][k] * inertia[j, k]
+    mixed = (
+        (u[j][j] - u[i][i]) * inertia[i, j]
+        + u[j][k] * inertia[i, k]
+        - u[i][k] * inertia[j, k]
+    )
     return sum(_pair(at, inertia, i, j, k), mixed)
 
 
@@ -296,5 +378,7 @@ def _pair(at: FrameMotion, inertia: Array, i: int, j: int, k: int) -> list[Scala
     u, a, b = at.field, inertia[i, i], inertia[j, j]
     moments = [u[j][i] * a, -u[i][j] * b]
     tensor = [at.angular_rate[k] * (a + b), at.products[i][j] * (a - b)]
-    first, second = ([term for term in form if not term.is_zero] for form in (moments, tensor))
+    first, second = (
+        [term for term in form if not term.is_zero] for form in (moments, tensor)
+    )
     return first if len(first) < len(second) else second

@@ -20,7 +20,14 @@ import flint
 import numpy as np
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.field import Geometry, PrimeField, Residues, as_flint, null_vectors, residues_of_generators
+from echelon.exact.field import (
+    Geometry,
+    PrimeField,
+    Residues,
+    as_flint,
+    null_vectors,
+    residues_of_generators,
+)
 from echelon.exact.polynomial import Monomial, cosine, sine
 
 EXTRA_SAMPLES = 4  # samples beyond the number of unknowns: a wrong ansatz fits them with probability about p^-4
@@ -39,7 +46,9 @@ class Ansatz:
         return len(self.numerator) + len(self.denominator)
 
 
-Fit = tuple[Ansatz, list[int]]  # the occurring monomials and their coefficients in one field
+Fit = tuple[
+    Ansatz, list[int]
+]  # the occurring monomials and their coefficients in one field
 
 
 def circle_basis(angle: str, degree: int) -> list[Monomial]:
@@ -48,13 +57,26 @@ def circle_basis(angle: str, degree: int) -> list[Monomial]:
     for power in range(degree + 1):
         basis.append(((cosine(angle), power),) if power else ())
         if power < degree:
-            basis.append(tuple(sorted((*(((cosine(angle), power),) if power else ()), (sine(angle), 1)))))
+            basis.append(
+                tuple(
+                    sorted(
+                        (
+                            *(((cosine(angle), power),) if power else ()),
+                            (sine(angle), 1),
+                        )
+                    )
+                )
+            )
     return basis
 
 
-def design(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial], count: int) -> Residues:
+def design(
+    field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial], count: int
+) -> Residues:
     """Values of the monomials at the first points: array of shape (count, monomials)."""
-    values = residues_of_generators({g for monomial in monomials for g, _ in monomial}, geometry, field)
+    values = residues_of_generators(
+        {g for monomial in monomials for g, _ in monomial}, geometry, field
+    )
     table = np.ones((len(monomials), count), dtype=np.int64)
     for row, monomial in zip(table, monomials, strict=True):
         for generator, exponent in monomial:
@@ -73,7 +95,9 @@ def _system(
 ) -> Residues:
     """Equations numerator − value · denominator = 0 in the coefficients."""
     numerator = design(field, geometry, top, count)
-    denominator = design(field, geometry, bottom, count) * values[:count, None] % field.p
+    denominator = (
+        design(field, geometry, bottom, count) * values[:count, None] % field.p
+    )
     return np.concatenate([numerator, -denominator % field.p], axis=1)
 
 
@@ -86,7 +110,9 @@ def fit_quotient(
 ) -> Fit | None:
     """Fit one function by a quotient with these monomials, or None if that cannot represent it."""
     count = len(top) + len(bottom) + EXTRA_SAMPLES
-    for vector in null_vectors(_system(field, geometry, values, top, bottom, count), field):
+    for vector in null_vectors(
+        _system(field, geometry, values, top, bottom, count), field
+    ):
         above = [(m, c) for m, c in zip(top, vector, strict=False) if c]
         below = [(m, c) for m, c in zip(bottom, vector[len(top) :], strict=True) if c]
         if below:
@@ -95,9 +121,13 @@ def fit_quotient(
     return None
 
 
-def solve_ansatz(ansatz: Ansatz, field: PrimeField, geometry: Geometry, values: Residues) -> list[int]:
+def solve_ansatz(
+    ansatz: Ansatz, field: PrimeField, geometry: Geometry, values: Residues
+) -> list[int]:
     """Coefficients of a known ansatz in one field."""
-    system = _system(field, geometry, values, ansatz.numerator, ansatz.denominator, ansatz.size + 1)
+    system = _system(
+        field, geometry, values, ansatz.numerator, ansatz.denominator, ansatz.size + 1
+    )
     solutions = null_vectors(system, field)
     if len(solutions) != 1 or not solutions[0][-1]:
         raise DegenerateSampleError("the ansatz does not have one solution here")
@@ -124,16 +154,23 @@ class Section:
     denominator: tuple[int, ...]
 
 
-def sections(nodes: Residues, values: Residues, field: PrimeField, *, angle: bool) -> list[Section | None]:
+def sections(
+    nodes: Residues, values: Residues, field: PrimeField, *, angle: bool
+) -> list[Section | None]:
     """Functions along one symbol.  Shapes: nodes (nodes,); values (functions, nodes)."""
     p, size = field.p, len(nodes)
     powers = np.ones((size, size), dtype=np.int64)
     for k in range(1, size):
         powers[:, k] = powers[:, k - 1] * nodes % p
-    solved = as_flint(powers, field).solve(as_flint(values.T, field)).transpose().tolist()
+    solved = (
+        as_flint(powers, field).solve(as_flint(values.T, field)).transpose().tolist()
+    )
     factors = (flint.nmod_poly([-int(x) % p, 1], p) for x in nodes)
     vanishing = reduce(lambda a, b: a * b, factors)
-    quotients = (_quotient(flint.nmod_poly([int(c) for c in row], p), vanishing) for row in solved)
+    quotients = (
+        _quotient(flint.nmod_poly([int(c) for c in row], p), vanishing)
+        for row in solved
+    )
     read = _along_angle if angle else _along_symbol
     return [None if q is None else read(*q) for q in quotients]
 
@@ -195,13 +232,25 @@ def symbol_basis(name: str, degree: int, *, angle: bool) -> list[Monomial]:
 
 def box(bases: Sequence[Sequence[Monomial]]) -> list[Monomial]:
     """All products of one monomial of each basis."""
-    return [tuple(sorted(pair for part in parts for pair in part)) for parts in product(*bases)]
+    return [
+        tuple(sorted(pair for part in parts for pair in part))
+        for parts in product(*bases)
+    ]
 
 
-def factor_of(name: str, section: Section, field: PrimeField, rng: np.random.Generator, *, angle: bool) -> Residual:
+def factor_of(
+    name: str,
+    section: Section,
+    field: PrimeField,
+    rng: np.random.Generator,
+    *,
+    angle: bool,
+) -> Residual:
     """The denominator along one symbol as a polynomial in its generators."""
     if not angle:
-        return {((name, k),) if k else (): c for k, c in enumerate(section.denominator) if c}
+        return {
+            ((name, k),) if k else (): c for k, c in enumerate(section.denominator) if c
+        }
     p, basis = field.p, circle_basis(name, section.bottom)
     points = field.draw(rng, (len(basis),))
     scale = field.invert_array((1 + points * points) % p)
@@ -218,12 +267,17 @@ def factor_of(name: str, section: Section, field: PrimeField, rng: np.random.Gen
 def multiplied(factors: Sequence[Residual], field: PrimeField) -> Residual:
     """The product of polynomials that share no generator."""
     return {
-        tuple(sorted(pair for monomial, _ in terms for pair in monomial)): prod(c for _, c in terms) % field.p
+        tuple(sorted(pair for monomial, _ in terms for pair in monomial)): prod(
+            c for _, c in terms
+        )
+        % field.p
         for terms in product(*(factor.items() for factor in factors))
     }
 
 
-def evaluated(polynomial: Residual, field: PrimeField, geometry: Geometry, count: int) -> Residues:
+def evaluated(
+    polynomial: Residual, field: PrimeField, geometry: Geometry, count: int
+) -> Residues:
     """Values of a polynomial over GF(p) at the first points of a geometry."""
     table = design(field, geometry, list(polynomial), count)
     total = np.zeros(count, dtype=np.int64)
@@ -234,20 +288,38 @@ def evaluated(polynomial: Residual, field: PrimeField, geometry: Geometry, count
 
 def entangled_size(parts: Mapping[str, Section], angles: frozenset[str]) -> int:
     """Number of samples that :func:`entangled_factor` needs."""
-    tops = prod(2 * s.top + 1 if name in angles else s.top + 1 for name, s in parts.items())
-    bottoms = prod(2 * s.bottom + 1 if name in angles else s.bottom + 1 for name, s in parts.items())
+    tops = prod(
+        2 * s.top + 1 if name in angles else s.top + 1 for name, s in parts.items()
+    )
+    bottoms = prod(
+        2 * s.bottom + 1 if name in angles else s.bottom + 1
+        for name, s in parts.items()
+    )
     return tops + bottoms + EXTRA_SAMPLES
 
 
 def entangled_factor(
-    parts: Mapping[str, Section], angles: frozenset[str], field: PrimeField, geometry: Geometry, values: Residues
+    parts: Mapping[str, Section],
+    angles: frozenset[str],
+    field: PrimeField,
+    geometry: Geometry,
+    values: Residues,
 ) -> Residual | None:
     """The denominator of a function of some symbols, whose degrees in each of them are known."""
     # shapes: values (points,)
-    top = box([symbol_basis(name, s.top, angle=name in angles) for name, s in parts.items()])
-    bottom = box([symbol_basis(name, s.bottom, angle=name in angles) for name, s in parts.items()])
+    top = box(
+        [symbol_basis(name, s.top, angle=name in angles) for name, s in parts.items()]
+    )
+    bottom = box(
+        [
+            symbol_basis(name, s.bottom, angle=name in angles)
+            for name, s in parts.items()
+        ]
+    )
     fit = fit_quotient(field, geometry, values, top, bottom)
     if fit is None:
         return None
     ansatz, coefficients = fit
-    return dict(zip(ansatz.denominator, coefficients[len(ansatz.numerator) :], strict=True))
+    return dict(
+        zip(ansatz.denominator, coefficients[len(ansatz.numerator) :], strict=True)
+    )

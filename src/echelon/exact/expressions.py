@@ -40,7 +40,9 @@ from echelon.exact.polynomial import (
     square_root,
 )
 
-STEPS_PER_HALF_TURN = 12  # π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)
+STEPS_PER_HALF_TURN = (
+    12  # π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)
+)
 
 LARGEST_EXPANSION = 8
 """cos(n x) is a polynomial of degree n in cos(x), with coefficients up to 2ⁿ that cost digits in floating point; beyond
@@ -60,7 +62,11 @@ class Angle:
     def is_exact(self) -> bool:
         """Whether sine and cosine are polynomials in the symbols over Q(√2, √3)."""
         steps = self.half_turns * STEPS_PER_HALF_TURN
-        return not self.radians and steps.denominator == 1 and all(c.denominator == 1 for _, c in self.parts)
+        return (
+            not self.radians
+            and steps.denominator == 1
+            and all(c.denominator == 1 for _, c in self.parts)
+        )
 
     @property
     def value(self) -> float:
@@ -82,7 +88,10 @@ class Angle:
                 "symbol with that value"
             )
         steps = int(self.half_turns * STEPS_PER_HALF_TURN)
-        point = (Polynomial.constant(cosine_of_turn(steps)), Polynomial.constant(sine_of_turn(steps)))
+        point = (
+            Polynomial.constant(cosine_of_turn(steps)),
+            Polynomial.constant(sine_of_turn(steps)),
+        )
         for symbol, count in self.parts:
             point = added(point, _multiple(symbol, int(count)))
         return point
@@ -106,7 +115,9 @@ def multiple_of_point(point: Point, count: int) -> Point:
             if point == _multiple(symbol, signed):
                 return _multiple(symbol, signed * count)
     base = (point[0], point[1] if count >= 0 else -point[1])
-    return repeated(base, abs(count), (Polynomial.constant(1), Polynomial.constant(0)), added)
+    return repeated(
+        base, abs(count), (Polynomial.constant(1), Polynomial.constant(0)), added
+    )
 
 
 def added(a: Point, b: Point) -> Point:
@@ -117,14 +128,21 @@ def added(a: Point, b: Point) -> Point:
 def _multiple(symbol: str, count: int) -> Point:
     """Cosine and sine of a multiple of a symbol, expanded where that is short."""
     if abs(count) <= LARGEST_EXPANSION:
-        return multiple_of_point((Polynomial.generator(cosine(symbol)), Polynomial.generator(sine(symbol))), count)
+        return multiple_of_point(
+            (Polynomial.generator(cosine(symbol)), Polynomial.generator(sine(symbol))),
+            count,
+        )
     argument = f"{abs(count)}*{symbol}"
-    return Polynomial.generator(cosine(argument)), Polynomial.generator(sine(argument)) * (1 if count > 0 else -1)
+    return Polynomial.generator(cosine(argument)), Polynomial.generator(
+        sine(argument)
+    ) * (1 if count > 0 else -1)
 
 
 PI, PER_PI = "pi", "1/pi"
 """Generators for π and its inverse.  π is transcendental: no other numbers here are related to it."""
-RESERVED = frozenset({PI, "sin", "cos", "sqrt"})  # names with a fixed meaning, which no symbol may take
+RESERVED = frozenset(
+    {PI, "sin", "cos", "sqrt"}
+)  # names with a fixed meaning, which no symbol may take
 
 _PIECE, _LONGEST_TERM, _LONGEST = 500, 2000, 1_000_000
 _LARGEST_EXPONENT, _MOST_TERMS, _MOST_BITS = 32, 20_000, 20_000
@@ -134,7 +152,9 @@ Named = Callable[[Angle], Angle]
 """Puts a symbol in the place of an angle without an exact sine."""
 
 
-def parse(text: str, symbols: Collection[str] | None = None, named: Named | None = None) -> Polynomial:
+def parse(
+    text: str, symbols: Collection[str] | None = None, named: Named | None = None
+) -> Polynomial:
     """Read an exact expression, with symbols for angles of numbers such as 63/50 if there is what names them.
 
     >>> parse("D3/2 - 0.5*D3 + 2*L^2")
@@ -144,9 +164,13 @@ def parse(text: str, symbols: Collection[str] | None = None, named: Named | None
     """
     text = text.strip()
     if len(text) > _LONGEST:
-        raise ValueError(f"an expression of {len(text)} characters is too long (at most {_LONGEST})")
+        raise ValueError(
+            f"an expression of {len(text)} characters is too long (at most {_LONGEST})"
+        )
     # the walk below recurses along sums, so a long sum is read piece by piece
-    value = Polynomial.sum(_parse_piece(piece, symbols, named) for piece in _pieces(text))
+    value = Polynomial.sum(
+        _parse_piece(piece, symbols, named) for piece in _pieces(text)
+    )
     if not all(map(in_double_range, value.terms.values())):
         raise ValueError(f"'{shortened(text)}' is {BEYOND_DOUBLES}")
     return value
@@ -157,22 +181,35 @@ def _pieces(text: str) -> list[str]:
     cuts, depth, start = [0], 0, 0
     for position, character in enumerate(text):
         depth += (character == "(") - (character == ")")
-        if position - start <= _PIECE or depth or character not in "+-" or text[position - 1] != " ":
+        if (
+            position - start <= _PIECE
+            or depth
+            or character not in "+-"
+            or text[position - 1] != " "
+        ):
             continue
         if text[start:position].rstrip()[-1] not in "+-*/^(":
             cuts.append(position)
             start = position
-    return [text[a:b].strip() for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
+    return [
+        text[a:b].strip() for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)
+    ]
 
 
-def _parse_piece(text: str, symbols: Collection[str] | None, named: Named | None) -> Polynomial:
+def _parse_piece(
+    text: str, symbols: Collection[str] | None, named: Named | None
+) -> Polynomial:
     if len(text) > _LONGEST_TERM:
-        raise ValueError(f"a term of {len(text)} characters is too long (at most {_LONGEST_TERM})")
+        raise ValueError(
+            f"a term of {len(text)} characters is too long (at most {_LONGEST_TERM})"
+        )
     python = text.replace("^", "**")
     try:
         return _Reader(python, symbols, named).read(expression_tree(python))
     except (SyntaxError, RecursionError):
-        raise ValueError(f"'{text}' is not an expression such as 0.5, pi/2, D3/2 or 2*cos(alpha)") from None
+        raise ValueError(
+            f"'{text}' is not an expression such as 0.5, pi/2, D3/2 or 2*cos(alpha)"
+        ) from None
 
 
 def parse_angle(text: str) -> Angle:
@@ -187,7 +224,9 @@ def as_angle(polynomial: Polynomial) -> Angle:
     parts: list[tuple[str, Rational]] = []
     for monomial, coefficient in polynomial.sorted_terms():
         if isinstance(coefficient, Surd) or sum(e for _, e in monomial) > 1:
-            raise ValueError(f"'{polynomial}' is not an angle: it must be linear in pi and symbols")
+            raise ValueError(
+                f"'{polynomial}' is not an angle: it must be linear in pi and symbols"
+            )
         name = monomial[0][0] if monomial else ""
         if name == PI:
             turns = coefficient
@@ -203,7 +242,9 @@ def as_angle(polynomial: Polynomial) -> Angle:
 class _Reader:
     """One walk over the syntax tree of an expression."""
 
-    def __init__(self, text: str, symbols: Collection[str] | None, named: Named | None) -> None:
+    def __init__(
+        self, text: str, symbols: Collection[str] | None, named: Named | None
+    ) -> None:
         self.text, self.symbols, self.named = text, symbols, named
         self._bytes = text.encode()  # the offsets in a syntax tree are those of bytes
 
@@ -221,7 +262,9 @@ class _Reader:
                 return self._binary(operator, self.read(left), self.read(right))
             case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
                 return self._call(name, self.read(argument))
-        raise ValueError(f"'{ast.get_source_segment(self.text, node)}' is not allowed in an expression")
+        raise ValueError(
+            f"'{ast.get_source_segment(self.text, node)}' is not allowed in an expression"
+        )
 
     def _source(self, node: ast.Constant) -> str:
         """The text of a node; of long expressions in one line without a look at all of it."""
@@ -231,7 +274,9 @@ class _Reader:
 
     def _number(self, node: ast.Constant) -> Polynomial:
         literal = self._source(node)
-        if literal.isdecimal() and len(literal) <= _LONGEST_DECIMAL:  # parts of quotients may be beyond all doubles
+        if (
+            literal.isdecimal() and len(literal) <= _LONGEST_DECIMAL
+        ):  # parts of quotients may be beyond all doubles
             return Polynomial.constant(int(literal))
         return Polynomial.constant(parse_decimal(literal))
 
@@ -243,26 +288,43 @@ class _Reader:
             raise ValueError(f"'{name}' is not a declared symbol (declared: {known})")
         return Polynomial.generator(name)
 
-    def _binary(self, operator: ast.operator, left: Polynomial, right: Polynomial) -> Polynomial:
+    def _binary(
+        self, operator: ast.operator, left: Polynomial, right: Polynomial
+    ) -> Polynomial:
         if isinstance(operator, ast.Add):
             return left + right
         if isinstance(operator, ast.Sub):
             return left - right
         if isinstance(operator, ast.Mult):
             if len(left.terms) * len(right.terms) > _MOST_TERMS:
-                raise ValueError(f"'{self.text}' expands to more than {_MOST_TERMS} terms")
+                raise ValueError(
+                    f"'{self.text}' expands to more than {_MOST_TERMS} terms"
+                )
             return _without_quotients(left * right)
         value = right.number
         if isinstance(operator, ast.Div):
             return _without_quotients(left * self._inverse(right))
-        exponent = int(value) if isinstance(value, int | Fraction) and value.denominator == 1 else -1
+        exponent = (
+            int(value)
+            if isinstance(value, int | Fraction) and value.denominator == 1
+            else -1
+        )
         if isinstance(operator, ast.Pow) and 0 <= exponent <= _LARGEST_EXPONENT:
             if exponent * _bits(left) > _MOST_BITS:
-                raise ValueError(f"'{self.text}' has numbers of more than {_MOST_BITS} bits")
-            if left.terms and comb(len(left.terms) + exponent - 1, exponent) > _MOST_TERMS:
-                raise ValueError(f"'{self.text}' expands to more than {_MOST_TERMS} terms")
+                raise ValueError(
+                    f"'{self.text}' has numbers of more than {_MOST_BITS} bits"
+                )
+            if (
+                left.terms
+                and comb(len(left.terms) + exponent - 1, exponent) > _MOST_TERMS
+            ):
+                raise ValueError(
+                    f"'{self.text}' expands to more than {_MOST_TERMS} terms"
+                )
             return left**exponent
-        raise ValueError(f"in '{self.text}' only + - * / and powers 0 to {_LARGEST_EXPONENT} are possible")
+        raise ValueError(
+            f"in '{self.text}' only + - * / and powers 0 to {_LARGEST_EXPONENT} are possible"
+        )
 
     def _inverse(self, divisor: Polynomial) -> Polynomial:
         """1 by a number, or by a number times a power of pi."""
@@ -273,7 +335,13 @@ class _Reader:
         inverted = {PI: PER_PI, PER_PI: PI}
         if not inverted.keys() >= {generator for generator, _ in monomial}:
             raise ValueError(problem)
-        return Polynomial({tuple((inverted[generator], e) for generator, e in monomial): inverse(factor)})
+        return Polynomial(
+            {
+                tuple((inverted[generator], e) for generator, e in monomial): inverse(
+                    factor
+                )
+            }
+        )
 
     def _call(self, name: str, argument: Polynomial) -> Polynomial:
         if name == "sqrt" and argument.number is not None:
@@ -283,7 +351,9 @@ class _Reader:
             if self.named is not None and not angle.parts and not angle.is_exact:
                 angle = self.named(angle)
             return angle.cos() if name == "cos" else angle.sin()
-        raise ValueError(f"'{name}' is not a known function (known: sqrt of a number, sin, cos)")
+        raise ValueError(
+            f"'{name}' is not a known function (known: sqrt of a number, sin, cos)"
+        )
 
 
 def _without_quotients(value: Polynomial) -> Polynomial:
@@ -307,7 +377,10 @@ def pi_generators(pi: Any) -> dict[str, Any]:
 def _bits(polynomial: Polynomial) -> int:
     """Length of the longest integer in the coefficients."""
     parts = (part for c in polynomial.terms.values() for part in parts_of(c))
-    return max((n.bit_length() for part in parts for n in (part.numerator, part.denominator)), default=0)
+    return max(
+        (n.bit_length() for part in parts for n in (part.numerator, part.denominator)),
+        default=0,
+    )
 
 
 _QUOTED = re.compile(r"\"[^\"\\]*\"|'[^'\\]*'")
@@ -337,7 +410,9 @@ def check_characters(text: str) -> None:
         problem = f"the control character U+{ord(hidden):04X}: an expression is one line of text"
     elif "#" in bare:
         problem = "a comment: an expression ends where its last term ends"
-    elif (foreign := next((c for c in bare if c.isdigit() and not c.isascii()), None)) is not None:
+    elif (
+        foreign := next((c for c in bare if c.isdigit() and not c.isascii()), None)
+    ) is not None:
         problem = f"the digit U+{ord(foreign):04X}: digits are 0 to 9"
     if problem:
         raise ValueError(f"'{shortened(text)}' holds {problem}")
@@ -358,7 +433,9 @@ def parse_decimal(text: str) -> Rational:
     (Fraction(-33, 400), Fraction(1, 1000), 2)
     """
     if len(text) > _LONGEST_DECIMAL:
-        raise ValueError(f"a number of {len(text)} characters is too long (at most {_LONGEST_DECIMAL})")
+        raise ValueError(
+            f"a number of {len(text)} characters is too long (at most {_LONGEST_DECIMAL})"
+        )
     found = _DECIMAL.fullmatch(text)
     if found is None:
         raise ValueError(f"'{text}' is not a finite decimal number")

@@ -28,7 +28,9 @@ import numpy.typing as npt
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.polynomial import Number, Surd, generator_values, repeated
 
-Residues = npt.NDArray[Any]  # array of residues in [0, p): int64 for primes below 2^31, Python integers above
+Residues = npt.NDArray[
+    Any
+]  # array of residues in [0, p): int64 for primes below 2^31, Python integers above
 
 ARRAY_BITS, CERTIFICATE_BITS = 31, 81
 _WORD_BITS = 63  # of the largest modulus of FLINT's matrices of machine words
@@ -36,7 +38,9 @@ _SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
 _FEW = 16  # below this many elements, inverting one by one is faster than a tree of products
 
 
-DEFAULT_SEED = 2015  # seeds are recorded in results, so that the same input gives the same output
+DEFAULT_SEED = (
+    2015  # seeds are recorded in results, so that the same input gives the same output
+)
 
 
 def random_generator(seed: int) -> np.random.Generator:
@@ -52,7 +56,9 @@ def random_prime(rng: np.random.Generator, bits: int) -> int:
     while True:
         candidate = _random_below(rng, (high - low) // 24 - 1) * 24 + low
         candidate += (23 - candidate) % 24
-        if gcd(candidate, _SMALL_PRIMES) == 1 and flint.fmpz(candidate).is_prime():  # gcd spares most of the tests
+        if (
+            gcd(candidate, _SMALL_PRIMES) == 1 and flint.fmpz(candidate).is_prime()
+        ):  # gcd spares most of the tests
             return candidate
 
 
@@ -85,7 +91,11 @@ class PrimeField:
     def conjugate(self, flip2: bool, flip3: bool) -> PrimeField:
         """The same field with the other square root of 2 and/or 3."""
         p = self.p
-        return PrimeField(p, p - self.root2 if flip2 else self.root2, p - self.root3 if flip3 else self.root3)
+        return PrimeField(
+            p,
+            p - self.root2 if flip2 else self.root2,
+            p - self.root3 if flip3 else self.root3,
+        )
 
     @property
     def dtype(self) -> npt.DTypeLike:
@@ -98,7 +108,12 @@ class PrimeField:
             return x % self.p
         if isinstance(x, Surd):
             basis = (1, self.root2, self.root3, self.root2 * self.root3)
-            return sum(self.embed(part) * b for part, b in zip(x.parts, basis, strict=True)) % self.p
+            return (
+                sum(
+                    self.embed(part) * b for part, b in zip(x.parts, basis, strict=True)
+                )
+                % self.p
+            )
         return x.numerator * self.invert(x.denominator) % self.p
 
     def invert(self, x: int) -> int:
@@ -123,7 +138,13 @@ class PrimeField:
         half = len(x) // 2
         left, right = x[:half], x[half : 2 * half]
         inverse = self._inverses(np.concatenate([left * right % self.p, x[2 * half :]]))
-        return np.concatenate([inverse[:half] * right % self.p, inverse[:half] * left % self.p, inverse[half:]])
+        return np.concatenate(
+            [
+                inverse[:half] * right % self.p,
+                inverse[:half] * left % self.p,
+                inverse[half:],
+            ]
+        )
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Residues:
         """Random residues."""
@@ -155,23 +176,33 @@ class PrimeField:
         scale = self.invert_array((1 + square) % p)
         return np.concatenate([((1 - square) * scale % p)[None], 2 * t * scale % p])
 
-    def multiply_angle(self, point: tuple[Residues, Residues], count: int) -> tuple[Residues, Residues]:
+    def multiply_angle(
+        self, point: tuple[Residues, Residues], count: int
+    ) -> tuple[Residues, Residues]:
         """Cosine and sine of count times an angle, by repeated squaring of c + i s."""
         c, s = point
         base = (c, s if count >= 0 else -s % self.p)
-        return repeated(base, abs(count), (np.ones_like(c), np.zeros_like(s)), self.add_angles)
+        return repeated(
+            base, abs(count), (np.ones_like(c), np.zeros_like(s)), self.add_angles
+        )
 
-    def add_angles(self, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> tuple[Residues, Residues]:
+    def add_angles(
+        self, a: tuple[Residues, Residues], b: tuple[Residues, Residues]
+    ) -> tuple[Residues, Residues]:
         """Cosine and sine of the sum of two angles."""
         p = self.p
-        return (a[0] * b[0] % p - a[1] * b[1] % p) % p, (a[0] * b[1] % p + a[1] * b[0] % p) % p
+        return (a[0] * b[0] % p - a[1] * b[1] % p) % p, (
+            a[0] * b[1] % p + a[1] * b[0] % p
+        ) % p
 
 
 def as_flint(matrix: Residues, field: PrimeField) -> Any:
     """A matrix over GF(p) in FLINT."""
     rows, columns = matrix.shape
     if field.p.bit_length() > _WORD_BITS:
-        return flint.fmpz_mod_mat(rows, columns, matrix.ravel().tolist(), flint.fmpz_mod_ctx(field.p))
+        return flint.fmpz_mod_mat(
+            rows, columns, matrix.ravel().tolist(), flint.fmpz_mod_ctx(field.p)
+        )
     return flint.nmod_mat(rows, columns, matrix.ravel().tolist(), field.p)
 
 
@@ -204,7 +235,11 @@ def by_pivots(matrix: Residues, field: PrimeField) -> dict[int, dict[int, int]]:
     reduced, pivots = reduced_echelon(matrix, field)
     places = list(enumerate(pivots))
     return {
-        column: {p: value for row, p in places if p < column and (value := int(reduced[row, column]))}
+        column: {
+            p: value
+            for row, p in places
+            if p < column and (value := int(reduced[row, column]))
+        }
         for column in sorted(set(range(matrix.shape[1])) - set(pivots))
     }
 
@@ -253,12 +288,16 @@ class Ring(Protocol):
 T = TypeVar("T", bound=Ring)
 
 
-def substituted(combination: Mapping[int, T], solved: Mapping[int, Mapping[int, T]]) -> dict[int, T]:
+def substituted(
+    combination: Mapping[int, T], solved: Mapping[int, Mapping[int, T]]
+) -> dict[int, T]:
     """A combination of columns as one of those that the solved ones are combinations of."""
     total: dict[int, T] = {}
     for column, coefficient in combination.items():
         if column not in solved:
-            total[column] = total[column] + coefficient if column in total else coefficient
+            total[column] = (
+                total[column] + coefficient if column in total else coefficient
+            )
             continue
         for pivot, inner in solved[column].items():
             addend = coefficient * inner
@@ -268,7 +307,9 @@ def substituted(combination: Mapping[int, T], solved: Mapping[int, Mapping[int, 
 
 # -- functions that are known by their values --------------------------------------------------------------------------
 
-Geometry = Mapping[str, Residues]  # values of the symbols; for an angle the tangent of its half
+Geometry = Mapping[
+    str, Residues
+]  # values of the symbols; for an angle the tangent of its half
 
 
 def residues_of_generators(
@@ -283,6 +324,11 @@ def residues_of_generators(
     return generator_values(generators, symbols.__getitem__, circle)
 
 
-def residues_at(generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField) -> dict[str, int]:
+def residues_at(
+    generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField
+) -> dict[str, int]:
     """The same at one geometry.  Shapes: symbols (1,)."""
-    return {g: int(value[0]) for g, value in residues_of_generators(generators, symbols, field).items()}
+    return {
+        g: int(value[0])
+        for g, value in residues_of_generators(generators, symbols, field).items()
+    }

@@ -50,7 +50,13 @@ _Sections = dict[str, Section]
 class Fitting:
     """Finds the monomials of functions, and their coefficients in one field."""
 
-    def __init__(self, unknown: UnknownFunctions, field: PrimeField, rng: np.random.Generator, work: Work) -> None:
+    def __init__(
+        self,
+        unknown: UnknownFunctions,
+        field: PrimeField,
+        rng: np.random.Generator,
+        work: Work,
+    ) -> None:
         self.unknown, self.field, self.rng, self.work = unknown, field, rng, work
         self.anchor = self._point()
         self._entangled: dict[object, Residual | None] = {}
@@ -60,21 +66,33 @@ class Fitting:
         depends = self._dependence()
         found = self._all_sections(depends)
         entangled = self._entangled_symbols(found)
-        at_anchor = {s: np.array([value], dtype=np.int64) for s, value in self.anchor.items()}
+        at_anchor = {
+            s: np.array([value], dtype=np.int64) for s, value in self.anchor.items()
+        }
         values = persistent(lambda: self._values(at_anchor, 1))[:, 0]
         numerators = []
         for index, parts in enumerate(found):
-            denominator = None if parts is None else self._denominator(index, parts, entangled[index])
+            denominator = (
+                None
+                if parts is None
+                else self._denominator(index, parts, entangled[index])
+            )
             if parts is not None and denominator is not None:
-                numerators.append(self._numerator(index, parts, denominator, int(values[index])))
-        sparse = SparseInterpolation(self.unknown, self.field, self.rng, self.anchor, self.work)
+                numerators.append(
+                    self._numerator(index, parts, denominator, int(values[index]))
+                )
+        sparse = SparseInterpolation(
+            self.unknown, self.field, self.rng, self.anchor, self.work
+        )
         fits: list[Fit | None] = [None] * len(found)
         for numerator in sparse.finish(numerators):
             fits[numerator.index] = numerator.fit(self.field)
         return fits
 
     def _point(self) -> dict[str, int]:
-        return {s: int(self.field.draw(self.rng, (1,))[0]) for s in self.unknown.symbols}
+        return {
+            s: int(self.field.draw(self.rng, (1,))[0]) for s in self.unknown.symbols
+        }
 
     def _values(self, geometry: Geometry, count: int) -> Residues:
         self.work.spend(count * self.unknown.cost)
@@ -86,7 +104,9 @@ class Fitting:
         """For each function, the symbols that change it."""
         depends: list[list[str]] = [[] for _ in self.unknown.degrees]
         pending = [list(self.unknown.symbols)] if self.unknown.symbols else []
-        if len(self.unknown.symbols) <= _FEW_SYMBOLS:  # one evaluation for all singles beats bisection
+        if (
+            len(self.unknown.symbols) <= _FEW_SYMBOLS
+        ):  # one evaluation for all singles beats bisection
             pending = [[s] for s in self.unknown.symbols]
         while pending:
             changed = persistent(partial(self._changes, pending))
@@ -116,15 +136,23 @@ class Fitting:
     def _all_sections(self, depends: Sequence[Sequence[str]]) -> list[_Sections | None]:
         """Every function along every symbol that it depends on, from the anchor; None if a degree is too high."""
         found: list[_Sections] = [{} for _ in depends]
-        pending = {name: [i for i, names in enumerate(depends) if name in names] for name in self.unknown.symbols}
+        pending = {
+            name: [i for i, names in enumerate(depends) if name in names]
+            for name in self.unknown.symbols
+        }
         for nodes in _NODES:
             pending = {name: indices for name, indices in pending.items() if indices}
-            for name, row in persistent(partial(self._lines, self.anchor, pending, nodes)).items():
+            for name, row in persistent(
+                partial(self._lines, self.anchor, pending, nodes)
+            ).items():
                 for index, section in zip(pending[name], row, strict=True):
                     if section is not None:
                         found[index][name] = section
                 pending[name] = [i for i in pending[name] if name not in found[i]]
-        return [parts if len(parts) == len(names) else None for parts, names in zip(found, depends, strict=True)]
+        return [
+            parts if len(parts) == len(names) else None
+            for parts, names in zip(found, depends, strict=True)
+        ]
 
     def _lines(
         self, anchor: Mapping[str, int], wanted: Mapping[str, Sequence[int]], nodes: int
@@ -132,15 +160,24 @@ class Fitting:
         """Some functions along some symbols, from an anchor."""
         if not wanted:
             return {}
-        geometry = {s: np.full(nodes * len(wanted), value) for s, value in anchor.items()}
+        geometry = {
+            s: np.full(nodes * len(wanted), value) for s, value in anchor.items()
+        }
         for k, name in enumerate(wanted):
-            geometry[name][k * nodes : (k + 1) * nodes] = self.field.draw(self.rng, (nodes,))
+            geometry[name][k * nodes : (k + 1) * nodes] = self.field.draw(
+                self.rng, (nodes,)
+            )
         values = self._values(geometry, nodes * len(wanted))
         found = {}
         for k, (name, indices) in enumerate(wanted.items()):
             block = slice(k * nodes, (k + 1) * nodes)
             angle = name in self.unknown.angles
-            found[name] = sections(geometry[name][block], values[list(indices), block], self.field, angle=angle)
+            found[name] = sections(
+                geometry[name][block],
+                values[list(indices), block],
+                self.field,
+                angle=angle,
+            )
         return found
 
     # -- denominators --------------------------------------------------------------------------------------------
@@ -155,14 +192,20 @@ class Fitting:
                     wanted.setdefault(name, []).append(index)
                     nodes = max(nodes, 2 * (section.top + 2 * section.bottom) + 4)
         entangled: list[list[str]] = [[] for _ in found]
-        for name, row in persistent(lambda: self._lines(self._point(), wanted, nodes)).items():
+        for name, row in persistent(
+            lambda: self._lines(self._point(), wanted, nodes)
+        ).items():
             for index, other in zip(wanted[name], row, strict=True):
                 parts = found[index]
-                if parts is not None and (other is None or other.denominator != parts[name].denominator):
+                if parts is not None and (
+                    other is None or other.denominator != parts[name].denominator
+                ):
                     entangled[index].append(name)
         return entangled
 
-    def _denominator(self, index: int, parts: _Sections, entangled: Sequence[str]) -> Residual | None:
+    def _denominator(
+        self, index: int, parts: _Sections, entangled: Sequence[str]
+    ) -> Residual | None:
         angles = self.unknown.angles
         factors = [
             factor_of(name, section, self.field, self.rng, angle=name in angles)
@@ -173,7 +216,9 @@ class Fitting:
             key = tuple((name, parts[name].denominator) for name in entangled)
             if key not in self._entangled:
                 joint = {name: parts[name] for name in entangled}
-                self._entangled[key] = persistent(partial(self._entangled_factor, index, joint))
+                self._entangled[key] = persistent(
+                    partial(self._entangled_factor, index, joint)
+                )
             shared = self._entangled[key]
             if shared is None:
                 return None
@@ -187,22 +232,36 @@ class Fitting:
         geometry = {s: np.full(count, value) for s, value in self.anchor.items()}
         geometry |= {name: self.field.draw(self.rng, (count,)) for name in parts}
         values = self._values(geometry, count)[index]
-        return entangled_factor(parts, self.unknown.angles, self.field, geometry, values)
+        return entangled_factor(
+            parts, self.unknown.angles, self.field, geometry, values
+        )
 
     # -- numerators ----------------------------------------------------------------------------------------------
 
-    def _numerator(self, index: int, parts: _Sections, denominator: Residual, value: int) -> Numerator:
+    def _numerator(
+        self, index: int, parts: _Sections, denominator: Residual, value: int
+    ) -> Numerator:
         """The numerator at the anchor, to be extended."""
         lengths = self.unknown.lengths
-        below = {sum(e for g, e in monomial if g in lengths) for monomial in denominator}
+        below = {
+            sum(e for g, e in monomial if g in lengths) for monomial in denominator
+        }
         homogeneous = len(below) == 1 and any(name in lengths for name in parts)
         degree = self.unknown.degrees[index] + below.pop() if homogeneous else None
         point = {s: np.array([x], dtype=np.int64) for s, x in self.anchor.items()}
-        start = value * int(evaluated(denominator, self.field, point, 1)[0]) % self.field.p
+        start = (
+            value * int(evaluated(denominator, self.field, point, 1)[0]) % self.field.p
+        )
         if not start and parts:
             raise DegenerateSampleError("a function vanishes at the anchor")
         terms: Residual = {(): start} if start else {}
-        return Numerator(index, denominator, {name: s.top for name, s in parts.items()}, degree, terms)
+        return Numerator(
+            index,
+            denominator,
+            {name: s.top for name, s in parts.items()},
+            degree,
+            terms,
+        )
 
 
 @dataclass(eq=False)
@@ -212,13 +271,17 @@ class Numerator:
     index: int  # of the function
     denominator: Residual
     degrees: Mapping[str, int]  # degree in every symbol of the function
-    length_degree: int | None  # degree in all lengths together, or None if the function is not homogeneous in them
+    length_degree: (
+        int | None
+    )  # degree in all lengths together, or None if the function is not homogeneous in them
     terms: Residual  # in the symbols seen so far, the others held
 
     def fit(self, field: PrimeField) -> Fit:
         """The finished quotient."""
         ansatz = Ansatz(tuple(self.terms), tuple(self.denominator))
-        return ansatz, normalised([*self.terms.values(), *self.denominator.values()], field)
+        return ansatz, normalised(
+            [*self.terms.values(), *self.denominator.values()], field
+        )
 
 
 @dataclass(frozen=True)
@@ -257,29 +320,45 @@ class SparseInterpolation:
         p, share = self.field.p, self.field.invert(self.anchor[name])
         terms = {}
         for monomial, coefficient in numerator.terms.items():
-            missing = (numerator.length_degree or 0) - sum(e for g, e in monomial if g in self.unknown.lengths)
+            missing = (numerator.length_degree or 0) - sum(
+                e for g, e in monomial if g in self.unknown.lengths
+            )
             if missing < 0:
                 raise DegenerateSampleError("a term has more lengths than the function")
             power = ((name, missing),) if missing else ()
-            terms[tuple(sorted((*monomial, *power)))] = coefficient * pow(share, missing, p) % p
+            terms[tuple(sorted((*monomial, *power)))] = (
+                coefficient * pow(share, missing, p) % p
+            )
         numerator.terms = terms
 
     # -- any other symbol ----------------------------------------------------------------------------------------
 
-    def _extend(self, numerators: list[Numerator], known: Sequence[str], name: str) -> list[Numerator]:
+    def _extend(
+        self, numerators: list[Numerator], known: Sequence[str], name: str
+    ) -> list[Numerator]:
         """Add a symbol to some numerators; returns those that the budget does not allow."""
-        bases = {n.index: symbol_basis(name, n.degrees[name], angle=name in self.unknown.angles) for n in numerators}
+        bases = {
+            n.index: symbol_basis(
+                name, n.degrees[name], angle=name in self.unknown.angles
+            )
+            for n in numerators
+        }
         growing = sorted(numerators, key=lambda n: len(n.terms) * len(bases[n.index]))
         failed = [n for n in growing if len(n.terms) > self.work.terms]
         growing = [n for n in growing if len(n.terms) <= self.work.terms]
         while growing:
-            points, nodes = max(len(n.terms) for n in growing), max(len(bases[n.index]) for n in growing)
+            points, nodes = (
+                max(len(n.terms) for n in growing),
+                max(len(bases[n.index]) for n in growing),
+            )
             solving = sum(len(n.terms) ** 3 for n in growing) * SOLVING
             if self.work.take(points * nodes * self.unknown.cost + solving):
                 break
             failed.append(growing.pop())
         if growing:
-            persistent(partial(self._extend_all, growing, known, name, bases, (points, nodes)))
+            persistent(
+                partial(self._extend_all, growing, known, name, bases, (points, nodes))
+            )
         return failed
 
     def _extend_all(
@@ -301,8 +380,12 @@ class SparseInterpolation:
         extended = []
         for numerator in numerators:
             basis, count = bases[numerator.index], len(numerator.terms)
-            bottom = evaluated(numerator.denominator, field, geometry, count * nodes).reshape(count, nodes)
-            right = (values[numerator.index, :count] * bottom % field.p)[:, : len(basis)]
+            bottom = evaluated(
+                numerator.denominator, field, geometry, count * nodes
+            ).reshape(count, nodes)
+            right = (values[numerator.index, :count] * bottom % field.p)[
+                :, : len(basis)
+            ]
             left = design(field, drawn, list(numerator.terms), count)
             coefficients = _solved(left, right, field)
             nodal = design(field, {name: along}, basis, len(basis))
@@ -327,5 +410,9 @@ def _solved(left: Residues, right: Residues, field: PrimeField) -> Residues:
     try:
         solution = as_flint(left, field).solve(as_flint(right, field))
     except ZeroDivisionError:
-        raise DegenerateSampleError("random points do not tell the monomials apart") from None
-    return np.array([int(x) for x in solution.entries()], dtype=np.int64).reshape(rows, columns)
+        raise DegenerateSampleError(
+            "random points do not tell the monomials apart"
+        ) from None
+    return np.array([int(x) for x in solution.entries()], dtype=np.int64).reshape(
+        rows, columns
+    )

@@ -66,10 +66,15 @@ MOST_PRIMES = 64
 
 
 def interpolate(
-    unknown: UnknownFunctions, rng: np.random.Generator, work: Work | None = None, most_primes: int = MOST_PRIMES
+    unknown: UnknownFunctions,
+    rng: np.random.Generator,
+    work: Work | None = None,
+    most_primes: int = MOST_PRIMES,
 ) -> list[RationalFunction | None]:
     """Closed forms of unknown functions; None for those that take more than the work, or longer numbers."""
-    return _Interpolation(unknown, rng, Work.of(1) if work is None else work, most_primes).run()
+    return _Interpolation(
+        unknown, rng, Work.of(1) if work is None else work, most_primes
+    ).run()
 
 
 @dataclass(eq=False)
@@ -78,12 +83,25 @@ class _Pending:
 
     ansatz: Ansatz
     primes: list[int]
-    tables: list[list[list[int]]]  # for each prime the four parts (1, √2, √3, √6) of every coefficient
+    tables: list[
+        list[list[int]]
+    ]  # for each prime the four parts (1, √2, √3, √6) of every coefficient
 
 
 class _Interpolation:
-    def __init__(self, unknown: UnknownFunctions, rng: np.random.Generator, work: Work, most_primes: int) -> None:
-        self.unknown, self.rng, self.work, self.most_primes = unknown, rng, work, most_primes
+    def __init__(
+        self,
+        unknown: UnknownFunctions,
+        rng: np.random.Generator,
+        work: Work,
+        most_primes: int,
+    ) -> None:
+        self.unknown, self.rng, self.work, self.most_primes = (
+            unknown,
+            rng,
+            work,
+            most_primes,
+        )
 
     def run(self) -> list[RationalFunction | None]:
         if not self.unknown.degrees:
@@ -109,13 +127,20 @@ class _Interpolation:
         """Functions of no symbol, by one value."""
         self.work.spend(self.unknown.cost)
         values = self.unknown.values(field, {}, 1)[:, 0]
-        return [(Ansatz(((),) if value else (), ((),)), [value, 1] if value else [1]) for value in map(int, values)]
+        return [
+            (Ansatz(((),) if value else (), ((),)), [value, 1] if value else [1])
+            for value in map(int, values)
+        ]
 
-    def _coefficients(self, pending: dict[int, _Pending]) -> dict[int, RationalFunction]:
+    def _coefficients(
+        self, pending: dict[int, _Pending]
+    ) -> dict[int, RationalFunction]:
         done: dict[int, RationalFunction] = {}
         primes = {p for function in pending.values() for p in function.primes}
         for _ in range(self.most_primes):
-            candidates = {i: f for i, p in pending.items() if (f := _reconstructed(p)) is not None}
+            candidates = {
+                i: f for i, p in pending.items() if (f := _reconstructed(p)) is not None
+            }
             for index in self._confirmed(candidates):
                 done[index] = candidates[index]
                 del pending[index]
@@ -138,7 +163,10 @@ class _Interpolation:
         confirmed = []
         for index, function in functions.items():
             try:
-                top, bottom = (f.evaluate(point, field.embed) for f in (function.numerator, function.denominator))
+                top, bottom = (
+                    f.evaluate(point, field.embed)
+                    for f in (function.numerator, function.denominator)
+                )
             except DegenerateSampleError:
                 continue
             if not (top - int(values[index, 0]) * bottom) % field.p:
@@ -147,29 +175,46 @@ class _Interpolation:
 
     def _add(self, pending: Mapping[int, _Pending], field: PrimeField) -> bool:
         """Find the coefficients of pending functions in one more field; whether the budget allows it."""
-        flips2, flips3 = ((False, True) if flag else (False,) for flag in self.unknown.irrational)
+        flips2, flips3 = (
+            (False, True) if flag else (False,) for flag in self.unknown.irrational
+        )
         signs = [(a, b) for a in flips2 for b in flips3]
         sizes = [p.ansatz.size for p in pending.values()]
-        cost = (max(sizes) + 1) * self.unknown.cost + SOLVING * sum(size**3 for size in sizes)
+        cost = (max(sizes) + 1) * self.unknown.cost + SOLVING * sum(
+            size**3 for size in sizes
+        )
         if not self.work.take(len(signs) * cost):
             return False
         try:
-            solved = {sign: self._solve(pending, field.conjugate(*sign)) for sign in signs}
+            solved = {
+                sign: self._solve(pending, field.conjugate(*sign)) for sign in signs
+            }
             for index, function in pending.items():
-                function.tables.append(_separate({sign: found[index] for sign, found in solved.items()}, field))
+                function.tables.append(
+                    _separate(
+                        {sign: found[index] for sign, found in solved.items()}, field
+                    )
+                )
                 function.primes.append(field.p)
         except DegenerateSampleError:
             pass  # the next field will do
         return True
 
-    def _solve(self, pending: Mapping[int, _Pending], field: PrimeField) -> dict[int, list[int]]:
+    def _solve(
+        self, pending: Mapping[int, _Pending], field: PrimeField
+    ) -> dict[int, list[int]]:
         """Coefficients of every pending function in one field."""
         count = max(p.ansatz.size for p in pending.values()) + 1
         geometry, values = self.unknown.sample(field, self.rng, count)
-        return {i: solve_ansatz(p.ansatz, field, geometry, values[i]) for i, p in pending.items()}
+        return {
+            i: solve_ansatz(p.ansatz, field, geometry, values[i])
+            for i, p in pending.items()
+        }
 
 
-def _separate(embeddings: Mapping[tuple[bool, bool], list[int]], field: PrimeField) -> list[list[int]]:
+def _separate(
+    embeddings: Mapping[tuple[bool, bool], list[int]], field: PrimeField
+) -> list[list[int]]:
     """Split every coefficient into its parts on 1, √2, √3, √6 from its values under all sign choices."""
     size = len(next(iter(embeddings.values())))
     share = field.invert(len(embeddings))
@@ -182,8 +227,12 @@ def _separate(embeddings: Mapping[tuple[bool, bool], list[int]], field: PrimeFie
             for (flip2, flip3), coefficients in embeddings.items():
                 negative = (flip2 and bool(index & 1)) ^ (flip3 and bool(index & 2))
                 total += -coefficients[k] if negative else coefficients[k]
-            known = (index & 1 == 0 or (True, False) in embeddings) and (index & 2 == 0 or (False, True) in embeddings)
-            quadruple.append(total * share * field.invert(root) % field.p if known else 0)
+            known = (index & 1 == 0 or (True, False) in embeddings) and (
+                index & 2 == 0 or (False, True) in embeddings
+            )
+            quadruple.append(
+                total * share * field.invert(root) % field.p if known else 0
+            )
         parts.append(quadruple)
     return parts
 
@@ -196,12 +245,18 @@ def _reconstructed(pending: _Pending) -> RationalFunction | None:
     for k in range(len(pending.tables[0])):
         parts: list[Rational] = []
         for part in range(4):
-            value = rational(*combine([table[k][part] for table in pending.tables], pending.primes))
+            value = rational(
+                *combine([table[k][part] for table in pending.tables], pending.primes)
+            )
             if value is None:
                 return None
             parts.append(value)
         coefficients.append(surd(parts[0], parts[1], parts[2], parts[3]))
     cut = len(pending.ansatz.numerator)
-    top = Polynomial(dict(zip(pending.ansatz.numerator, coefficients[:cut], strict=True)))
-    bottom = Polynomial(dict(zip(pending.ansatz.denominator, coefficients[cut:], strict=True)))
+    top = Polynomial(
+        dict(zip(pending.ansatz.numerator, coefficients[:cut], strict=True))
+    )
+    bottom = Polynomial(
+        dict(zip(pending.ansatz.denominator, coefficients[cut:], strict=True))
+    )
     return RationalFunction(top, bottom)

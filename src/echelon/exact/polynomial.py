@@ -49,7 +49,12 @@ class Surd:
         if not isinstance(other, int | Fraction | Surd):
             return NotImplemented
         mine, theirs = self.parts, parts_of(other)
-        return surd(mine[0] + theirs[0], mine[1] + theirs[1], mine[2] + theirs[2], mine[3] + theirs[3])
+        return surd(
+            mine[0] + theirs[0],
+            mine[1] + theirs[1],
+            mine[2] + theirs[2],
+            mine[3] + theirs[3],
+        )
 
     __radd__ = __add__
 
@@ -102,7 +107,9 @@ class Surd:
         return hash(self.parts)
 
     def __float__(self) -> float:
-        return float(sum(float(x) * sqrt(r) for x, r in zip(self.parts, _RADICANDS, strict=True)))
+        return float(
+            sum(float(x) * sqrt(r) for x, r in zip(self.parts, _RADICANDS, strict=True))
+        )
 
     def __repr__(self) -> str:
         return format_number(self)
@@ -150,7 +157,9 @@ def square_root(value: Number) -> Number:
         root = simplest(Fraction(isqrt(square.numerator), isqrt(square.denominator)))
         if root * root == square:
             return surd(*(root if i == k else 0 for i in range(4)))
-    raise ValueError(f"sqrt({value}) is not in Q(√2, √3): use a symbol with that value instead")
+    raise ValueError(
+        f"sqrt({value}) is not in Q(√2, √3): use a symbol with that value instead"
+    )
 
 
 def circle_point(tangent: Fraction) -> tuple[Fraction, Fraction]:
@@ -163,7 +172,10 @@ def simple_fraction(value: float, tolerance: float) -> Fraction:
     """A simple fraction next to a number."""
     exact = Fraction(value)
     found = (exact.limit_denominator(10**digits) for digits in range(_MOST_DIGITS))
-    return next((f for f in found if abs(f - exact) <= tolerance), exact.limit_denominator(10**_MOST_DIGITS))
+    return next(
+        (f for f in found if abs(f - exact) <= tolerance),
+        exact.limit_denominator(10**_MOST_DIGITS),
+    )
 
 
 def cosine_of_turn(k: int) -> Number:
@@ -198,7 +210,11 @@ def format_number(x: Number) -> str:
     """Text that :func:`echelon.exact.expressions.parse` reads back to the same number."""
     if not isinstance(x, Surd):
         return str(x)
-    pieces = [_format_part(value, radicand) for value, radicand in zip(x.parts, _RADICANDS, strict=True) if value]
+    pieces = [
+        _format_part(value, radicand)
+        for value, radicand in zip(x.parts, _RADICANDS, strict=True)
+        if value
+    ]
     return " + ".join(pieces).replace("+ -", "- ")
 
 
@@ -212,7 +228,9 @@ def _format_part(value: Rational, radicand: int) -> str:
     return f"{sign}{body}" if denominator == 1 else f"{sign}{body}/{denominator}"
 
 
-Monomial = tuple[tuple[str, int], ...]  # generators with their positive exponents, sorted by generator
+Monomial = tuple[
+    tuple[str, int], ...
+]  # generators with their positive exponents, sorted by generator
 
 _ONE: Monomial = ()
 
@@ -237,7 +255,9 @@ def multiple_of(generator: str) -> tuple[int, str]:
     argument = generator[4:-1]
     count, _, symbol = argument.partition("*")  # names in brackets may hold a * too
     # decimals of doubles are counted in units of 1e-20 and less, so counts have any number of digits
-    return (int(count), symbol) if count.isascii() and count.isdigit() else (1, argument)
+    return (
+        (int(count), symbol) if count.isascii() and count.isdigit() else (1, argument)
+    )
 
 
 def is_trigonometric(generator: str) -> bool:
@@ -308,19 +328,29 @@ class Polynomial:
 
     def __pow__(self, exponent: int) -> Polynomial:
         if exponent < 0:
-            raise ValueError(f"a polynomial has no power {exponent}: use a RationalFunction")
+            raise ValueError(
+                f"a polynomial has no power {exponent}: use a RationalFunction"
+            )
         if exponent > 1 and len(self.terms) == 1:
             ((monomial, coefficient),) = self.terms.items()
-            if coefficient == 1 and not any(is_trigonometric(generator) for generator, _ in monomial):
+            if coefficient == 1 and not any(
+                is_trigonometric(generator) for generator, _ in monomial
+            ):
                 return Polynomial({tuple((g, exponent * e) for g, e in monomial): 1})
-        return reduce(lambda total, _: total * self, range(exponent), Polynomial.constant(1))
+        return reduce(
+            lambda total, _: total * self, range(exponent), Polynomial.constant(1)
+        )
 
     # -- comparison ----------------------------------------------------------------------------------------------
 
     def __eq__(self, other: object) -> bool:
         if isinstance(other, int | Fraction | Surd):
             other = Polynomial.constant(other)
-        return self.terms == other.terms if isinstance(other, Polynomial) else NotImplemented
+        return (
+            self.terms == other.terms
+            if isinstance(other, Polynomial)
+            else NotImplemented
+        )
 
     def __hash__(self) -> int:
         if self._hash is None:
@@ -350,7 +380,12 @@ class Polynomial:
 
     def sorted_terms(self) -> Iterator[tuple[Monomial, Number]]:
         """Terms in a fixed order: by degree, then by generators."""
-        return iter(sorted(self.terms.items(), key=lambda term: (sum(e for _, e in term[0]), term[0])))
+        return iter(
+            sorted(
+                self.terms.items(),
+                key=lambda term: (sum(e for _, e in term[0]), term[0]),
+            )
+        )
 
     def evaluate(self, values: Mapping[str, T], number: Callable[[Number], T]) -> T:
         """Value of the polynomial over any ring; terms are added in a fixed order, so that rounding is the same."""
@@ -372,7 +407,9 @@ class Polynomial:
 
 
 def generator_values(
-    generators: Iterable[str], symbol: Callable[[str], T], circle: Callable[[T, int], tuple[T, T]]
+    generators: Iterable[str],
+    symbol: Callable[[str], T],
+    circle: Callable[[T, int], tuple[T, T]],
 ) -> dict[str, T]:
     """Values of generators, from those of symbols and from the cosine and sine of multiples of an angle."""
     values: dict[str, T] = {}
@@ -388,9 +425,13 @@ def generator_values(
     return values
 
 
-def float_generators(generators: Iterable[str], symbols: Mapping[str, float]) -> dict[str, float]:
+def float_generators(
+    generators: Iterable[str], symbols: Mapping[str, float]
+) -> dict[str, float]:
     """Float values of generators for given values of the symbols (radians for angles)."""
-    return generator_values(generators, symbols.__getitem__, lambda x, n: (math.cos(n * x), math.sin(n * x)))
+    return generator_values(
+        generators, symbols.__getitem__, lambda x, n: (math.cos(n * x), math.sin(n * x))
+    )
 
 
 def as_polynomial(x: Polynomial | Number) -> Polynomial:
@@ -419,11 +460,19 @@ def _reduced(exponents: dict[str, int]) -> list[tuple[Monomial, int]]:
     return [(tuple(sorted((g, e) for g, e in exponents.items() if e)), 1)]
 
 
-def format_polynomial(polynomial: Polynomial, names: Mapping[str, str] | None = None) -> str:
+def format_polynomial(
+    polynomial: Polynomial, names: Mapping[str, str] | None = None
+) -> str:
     """Plain text, readable back by :func:`echelon.exact.expressions.parse`, with generators called by other names."""
     called = names or {}
-    terms = ([(called.get(g, g), e) for g, e in monomial] for monomial, _ in polynomial.sorted_terms())
-    text = " + ".join(_format_term(m, c) for m, (_, c) in zip(terms, polynomial.sorted_terms(), strict=True))
+    terms = (
+        [(called.get(g, g), e) for g, e in monomial]
+        for monomial, _ in polynomial.sorted_terms()
+    )
+    text = " + ".join(
+        _format_term(m, c)
+        for m, (_, c) in zip(terms, polynomial.sorted_terms(), strict=True)
+    )
     return text.replace("+ -", "- ") or "0"
 
 
@@ -441,4 +490,6 @@ def _format_term(monomial: Sequence[tuple[str, int]], coefficient: Number) -> st
         return f"{coefficient}*{factors}"
     sign = "-" if coefficient < 0 else ""
     top = abs(coefficient.numerator)
-    return f"{sign}{factors if top == 1 else f'{top}*{factors}'}/{coefficient.denominator}"
+    return (
+        f"{sign}{factors if top == 1 else f'{top}*{factors}'}/{coefficient.denominator}"
+    )

@@ -42,7 +42,9 @@ class RationalFunction:
 
     __slots__ = ("denominator", "numerator")
 
-    def __init__(self, numerator: Polynomial | Number, denominator: Polynomial | Number = _ONE) -> None:
+    def __init__(
+        self, numerator: Polynomial | Number, denominator: Polynomial | Number = _ONE
+    ) -> None:
         top, bottom = as_polynomial(numerator), as_polynomial(denominator)
         if not bottom:
             raise ZeroDivisionError("a rational function needs a non-zero denominator")
@@ -63,14 +65,20 @@ class RationalFunction:
         return self + (-other)
 
     def __mul__(self, other: RationalFunction) -> RationalFunction:
-        return RationalFunction(self.numerator * other.numerator, self.denominator * other.denominator)
+        return RationalFunction(
+            self.numerator * other.numerator, self.denominator * other.denominator
+        )
 
     def __truediv__(self, other: RationalFunction) -> RationalFunction:
-        return RationalFunction(self.numerator * other.denominator, self.denominator * other.numerator)
+        return RationalFunction(
+            self.numerator * other.denominator, self.denominator * other.numerator
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RationalFunction):
-            return isinstance(other, Polynomial | int | Fraction | Surd) and self == RationalFunction(other)
+            return isinstance(
+                other, Polynomial | int | Fraction | Surd
+            ) and self == RationalFunction(other)
         return self.numerator * other.denominator == other.numerator * self.denominator
 
     def __hash__(self) -> int:
@@ -102,14 +110,22 @@ class RationalFunction:
     def evaluate(self, values: Mapping[str, T], number: Callable[[Number], T]) -> T:
         """Value over any field; see :meth:`Polynomial.evaluate`."""
         top: Any = self.numerator.evaluate(values, number)
-        return top if self.is_polynomial else top / self.denominator.evaluate(values, number)  # type: ignore[no-any-return]
+        return (
+            top
+            if self.is_polynomial
+            else top / self.denominator.evaluate(values, number)
+        )  # type: ignore[no-any-return]
 
     def residue(self, generators: Mapping[str, int], field: PrimeField) -> int:
         """The residue for given residues of the generators."""
         top = self.numerator.evaluate(generators, field.embed) % field.p
         if self.is_polynomial:
             return top
-        return top * field.invert(self.denominator.evaluate(generators, field.embed)) % field.p
+        return (
+            top
+            * field.invert(self.denominator.evaluate(generators, field.embed))
+            % field.p
+        )
 
     def __repr__(self) -> str:
         top = format_polynomial(self.numerator)
@@ -121,14 +137,20 @@ class RationalFunction:
 ONE = RationalFunction(1)
 
 
-def sum_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]]) -> RationalFunction:
+def sum_of_products(
+    products: Sequence[tuple[RationalFunction, RationalFunction]],
+) -> RationalFunction:
     """The sum of some products, brought to lowest terms once; quickest where first factors are :data:`ONE` itself."""
     if len(products) == 1 and products[0][0] is ONE:
         return products[0][1]
     groups: dict[Polynomial, list[Polynomial]] = {}
     for a, b in products:
         top = b.numerator if a is ONE else a.numerator * b.numerator
-        bottom = b.denominator if a is ONE or a.is_polynomial else a.denominator * b.denominator
+        bottom = (
+            b.denominator
+            if a is ONE or a.is_polynomial
+            else a.denominator * b.denominator
+        )
         groups.setdefault(bottom, []).append(top)
     tops = {bottom: Polynomial.sum(parts) for bottom, parts in groups.items()}
     if tops.keys() <= {_ONE}:
@@ -138,11 +160,16 @@ def sum_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]
     for bottom in tops:
         element = ring.enter(bottom)
         shared = shared * (element / shared.gcd(element))
-    scaled = [top * ring.leave(ring.reduced(shared / ring.enter(bottom))) for bottom, top in tops.items()]
+    scaled = [
+        top * ring.leave(ring.reduced(shared / ring.enter(bottom)))
+        for bottom, top in tops.items()
+    ]
     return RationalFunction(Polynomial.sum(scaled), ring.leave(ring.reduced(shared)))
 
 
-def cost_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]]) -> float:
+def cost_of_products(
+    products: Sequence[tuple[RationalFunction, RationalFunction]],
+) -> float:
     """Operations of :func:`sum_of_products`, in the count of :class:`echelon.exact.unknown_functions.Work`."""
     true = [(a, b) for a, b in products if a is not ONE]
     if not true:
@@ -152,10 +179,15 @@ def cost_of_products(products: Sequence[tuple[RationalFunction, RationalFunction
     return size * (_PRODUCT if plain else _QUOTIENT)
 
 
-def inverse_matrix(matrix: list[list[RationalFunction]]) -> list[list[RationalFunction]] | None:
+def inverse_matrix(
+    matrix: list[list[RationalFunction]],
+) -> list[list[RationalFunction]] | None:
     """Inverse of a square matrix by Gauss–Jordan elimination; None if it is singular."""
     size = len(matrix)
-    rows = [[*row, *(RationalFunction(int(i == j)) for j in range(size))] for i, row in enumerate(matrix)]
+    rows = [
+        [*row, *(RationalFunction(int(i == j)) for j in range(size))]
+        for i, row in enumerate(matrix)
+    ]
     for column in range(size):
         pivot = next((i for i in range(column, size) if rows[i][column]), None)
         if pivot is None:
@@ -166,15 +198,22 @@ def inverse_matrix(matrix: list[list[RationalFunction]]) -> list[list[RationalFu
         for i in range(size):
             factor = rows[i][column]
             if i != column and factor:
-                rows[i] = [a - factor * b for a, b in zip(rows[i], rows[column], strict=True)]
+                rows[i] = [
+                    a - factor * b for a, b in zip(rows[i], rows[column], strict=True)
+                ]
     return [row[size:] for row in rows]
 
 
 def _value_somewhere(function: RationalFunction) -> int:
     """The value at a fixed point modulo a fixed prime, which is the same however a quotient is written."""
     digests = {name: sha256(name.encode()).digest()[:4] for name in function.symbols()}
-    point = {name: np.array([int.from_bytes(d, "little") % _FIELD.p]) for name, d in digests.items()}
+    point = {
+        name: np.array([int.from_bytes(d, "little") % _FIELD.p])
+        for name, d in digests.items()
+    }
     try:
-        return function.residue(residues_at(function.generators(), point, _FIELD), _FIELD)
+        return function.residue(
+            residues_at(function.generators(), point, _FIELD), _FIELD
+        )
     except DegenerateSampleError:
         return 0

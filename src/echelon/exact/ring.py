@@ -12,7 +12,16 @@ from typing import Any
 
 import flint
 
-from echelon.exact.polynomial import Monomial, Number, Polynomial, Surd, inverse, parts_of, simplest, surd
+from echelon.exact.polynomial import (
+    Monomial,
+    Number,
+    Polynomial,
+    Surd,
+    inverse,
+    parts_of,
+    simplest,
+    surd,
+)
 
 _ONE = Polynomial.constant(1)
 _MOST_RATIONALISED = 2000
@@ -26,7 +35,10 @@ def lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polyn
     if bottom.number is None:
         ring = Ring(top, bottom)
         short = _coprime(ring.enter(top), ring.enter(bottom))
-        if len(top.terms) * len(bottom.terms) ** ring.roots_in(short[1]) <= _MOST_RATIONALISED:
+        if (
+            len(top.terms) * len(bottom.terms) ** ring.roots_in(short[1])
+            <= _MOST_RATIONALISED
+        ):
             plain = _coprime(*ring.rationalised(*short))
             # a true quotient is mostly longer when rationalised, but a polynomial shows itself only then
             short = plain if plain[1].is_constant() else short
@@ -59,11 +71,15 @@ class Ring:
         sines = sorted(g for g in generators if g.startswith("sin("))
         generators |= {"cos" + g[3:] for g in sines}
         self.names = (*(order or sorted(generators)), "√2", "√3")
-        self.context = flint.fmpq_mpoly_ctx.get(("x", len(self.names)), flint.Ordering.lex)
+        self.context = flint.fmpq_mpoly_ctx.get(
+            ("x", len(self.names)), flint.Ordering.lex
+        )
         element = dict(zip(self.names, self.context.gens(), strict=True))
         squares = {"√2": self.context.constant(2), "√3": self.context.constant(3)}
         squares |= {g: 1 - element["cos" + g[3:]] ** 2 for g in sines}
-        self.squares = [(self.names.index(g), element[g], square) for g, square in squares.items()]
+        self.squares = [
+            (self.names.index(g), element[g], square) for g, square in squares.items()
+        ]
 
     def enter(self, polynomial: Polynomial) -> Any:
         """A polynomial as an element of this ring."""
@@ -73,16 +89,24 @@ class Ring:
             exponents = [powers.get(name, 0) for name in self.names[:-2]]
             for k, part in enumerate(parts_of(coefficient)):
                 if part:
-                    terms[*exponents, k & 1, k >> 1] = flint.fmpq(part.numerator, part.denominator)
+                    terms[*exponents, k & 1, k >> 1] = flint.fmpq(
+                        part.numerator, part.denominator
+                    )
         return self.context.from_dict(terms)
 
     def leave(self, element: Any) -> Polynomial:
         """An element without squares of roots as a polynomial."""
         terms: dict[Monomial, Number] = {}
         for exponents, coefficient in element.to_dict().items():
-            monomial = tuple((name, int(e)) for name, e in zip(self.names[:-2], exponents, strict=False) if e)
+            monomial = tuple(
+                (name, int(e))
+                for name, e in zip(self.names[:-2], exponents, strict=False)
+                if e
+            )
             value = simplest(Fraction(int(coefficient.p), int(coefficient.q)))
-            root = surd(*(int(k == exponents[-2] + 2 * exponents[-1]) for k in range(4)))
+            root = surd(
+                *(int(k == exponents[-2] + 2 * exponents[-1]) for k in range(4))
+            )
             terms[monomial] = terms.get(monomial, 0) + root * value
         return Polynomial(terms)
 
@@ -105,10 +129,16 @@ class Ring:
         for index, element, square in self.squares:
             if not degrees[index]:
                 continue
-            (p, q), (a, b) = self._split(top, index, square), self._split(bottom, index, square)
+            (p, q), (a, b) = (
+                self._split(top, index, square),
+                self._split(bottom, index, square),
+            )
             top, bottom = p + q * element, a
             if b:
-                top, bottom = p * a - q * b * square + (q * a - p * b) * element, a * a - b * b * square
+                top, bottom = (
+                    p * a - q * b * square + (q * a - p * b) * element,
+                    a * a - b * b * square,
+                )
         return top, bottom
 
     def _split(self, polynomial: Any, index: int, square: Any) -> tuple[Any, Any]:
@@ -152,13 +182,25 @@ def factors(polynomial: Polynomial) -> tuple[Fraction, list[tuple[Polynomial, in
 
 def _primitive(polynomial: Polynomial) -> tuple[Polynomial, Fraction]:
     """The polynomial with coprime integer coefficients, the first one positive, and the number taken out."""
-    numbers = [Fraction(c) for _, c in polynomial.sorted_terms() if not isinstance(c, Surd)]
-    scale = Fraction(gcd(*(c.numerator for c in numbers)), lcm(*(c.denominator for c in numbers)))
+    numbers = [
+        Fraction(c) for _, c in polynomial.sorted_terms() if not isinstance(c, Surd)
+    ]
+    scale = Fraction(
+        gcd(*(c.numerator for c in numbers)), lcm(*(c.denominator for c in numbers))
+    )
     scale = scale if numbers[0] > 0 else -scale
-    return Polynomial({m: simplest(c / scale) for m, c in polynomial.terms.items() if not isinstance(c, Surd)}), scale
+    return Polynomial(
+        {
+            m: simplest(c / scale)
+            for m, c in polynomial.terms.items()
+            if not isinstance(c, Surd)
+        }
+    ), scale
 
 
-def divided(polynomial: Polynomial, divisor: Polynomial, order: Sequence[str]) -> tuple[Polynomial, Polynomial]:
+def divided(
+    polynomial: Polynomial, divisor: Polynomial, order: Sequence[str]
+) -> tuple[Polynomial, Polynomial]:
     """Quotient and remainder; no term of the remainder is divisible by the first term of the divisor."""
     ring = Ring(order=order)
     quotient, rest = divmod(ring.enter(polynomial), ring.enter(divisor))

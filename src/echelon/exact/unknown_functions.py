@@ -69,7 +69,9 @@ class UnknownFunctions:
     symbols: Sequence[str]  # all symbols that may matter
     angles: frozenset[str]  # those of them that are angles
     lengths: frozenset[str]  # symbols with the dimension of a length
-    degrees: Sequence[int]  # homogeneous degree of each function in the symbols that are lengths
+    degrees: Sequence[
+        int
+    ]  # homogeneous degree of each function in the symbols that are lengths
     irrational: tuple[bool, bool]  # whether √2 and √3 can occur in coefficients
     cost: float = 1.0  # operations of one evaluation
 
@@ -78,12 +80,17 @@ class UnknownFunctions:
         if not self.symbols:  # there is one geometry only
             return np.repeat(self.evaluate(field, geometry), count, axis=1)
         parts = [
-            self.evaluate(field, {s: value[first : first + _CHUNK] for s, value in geometry.items()})
+            self.evaluate(
+                field,
+                {s: value[first : first + _CHUNK] for s, value in geometry.items()},
+            )
             for first in range(0, count, _CHUNK)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
-    def sample(self, field: PrimeField, rng: np.random.Generator, count: int) -> tuple[Geometry, Residues]:
+    def sample(
+        self, field: PrimeField, rng: np.random.Generator, count: int
+    ) -> tuple[Geometry, Residues]:
         """Random geometries and the values there."""
 
         def attempt() -> tuple[Geometry, Residues]:

@@ -52,7 +52,9 @@ from echelon.names import check_title
 
 BASE = "base"  # what a parent is called that is the base, unless a body has that name
 
-Read = Callable[[str], tuple[Step, ...]]  # reads steps; its argument ends the names of symbols
+Read = Callable[
+    [str], tuple[Step, ...]
+]  # reads steps; its argument ends the names of symbols
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,9 @@ class Part:
     inertial: tuple[float, ...] | None = None
 
 
-def placed_before(motion: Motion, offset: Polynomial, angle: Callable[[Polynomial], Angle]) -> Placement:
+def placed_before(
+    motion: Motion, offset: Polynomial, angle: Callable[[Polynomial], Angle]
+) -> Placement:
     """A turn or a slide by the constant part of a coupling, before the motion that it is added to."""
     offset = offset * motion.sign
     if motion.kind is MotionKind.ROTATION:
@@ -88,37 +92,64 @@ class Bodies:
     def __init__(self, first: int) -> None:
         self.first = first
         self.made: list[Body] = []
-        self.sources: dict[str, list[str]] = {}  # of every body, by label: elements that its joint's frames come from
-        self.host: dict[str | None, int] = {None: GROUND}  # the body that carries a part
-        self._frames: dict[str | None, tuple[Read, ...]] = {None: ()}  # from that body's frame to the part's
+        self.sources: dict[
+            str, list[str]
+        ] = {}  # of every body, by label: elements that its joint's frames come from
+        self.host: dict[str | None, int] = {
+            None: GROUND
+        }  # the body that carries a part
+        self._frames: dict[str | None, tuple[Read, ...]] = {
+            None: ()
+        }  # from that body's frame to the part's
         self._elements: dict[str | None, list[str]] = {None: []}
 
     def place(self, name: str | None, stem: str = "") -> tuple[int, Placement]:
         """The body that carries a part, or the base, and where it sits on that body."""
-        frames = (step for read in self._frames[name] for step in read(stem) if isinstance(step, Placement))
+        frames = (
+            step
+            for read in self._frames[name]
+            for step in read(stem)
+            if isinstance(step, Placement)
+        )
         return self.host[name], reduce(matmul, frames, Placement())
 
     def attach(self, part: Part, read: Read) -> None:
         """A fixed part rides on its parent's body."""
-        check_title(part.name, f"link '{part.name}'")  # bodies are checked where they become a mechanism
+        check_title(
+            part.name, f"link '{part.name}'"
+        )  # bodies are checked where they become a mechanism
         self._elements[part.name] = [*self._elements[part.parent], *part.elements]
         self.host[part.name] = self.host[part.parent]
         self._frames[part.name] = (*self._frames[part.parent], read)
 
     def add(self, part: Part, *, floats: bool = False) -> str:
         """A part becomes a body, perhaps a floating base; returns its label."""
-        label = part.label or (None if floats else part.default_label) or str(len(self.made) + self.first)
+        label = (
+            part.label
+            or (None if floats else part.default_label)
+            or str(len(self.made) + self.first)
+        )
         self.sources[label] = [*self._elements[part.parent], *part.elements]
         parent, before = self.place(part.parent, label)
         steps = part.steps(label)
         if floats:
             joint = Joint(BASE, "floating", merge((*floating_motions(BASE), *steps)))
         else:  # left as stated where nothing comes before, so that a saved mechanism is read back as it was
-            joint = Joint(part.joint, part.kind, steps if before.is_identity else merge((before, *steps)))
-        self.made.append(Body(part.name, label, parent, joint, part.carried, part.inertial))
+            joint = Joint(
+                part.joint,
+                part.kind,
+                steps if before.is_identity else merge((before, *steps)),
+            )
+        self.made.append(
+            Body(part.name, label, parent, joint, part.carried, part.inertial)
+        )
         if floats and part.parent is None:
             # this part carries the base, so all else that hangs on the base hangs on it
-            frames = (step.inverse() for step in reversed(steps) if isinstance(step, Placement))
+            frames = (
+                step.inverse()
+                for step in reversed(steps)
+                if isinstance(step, Placement)
+            )
             back = reduce(matmul, frames, Placement())
             self.host[None], self._frames[None] = 0, (lambda _: (back,),)
         self.host[part.name], self._frames[part.name] = len(self.made) - 1, ()
@@ -150,11 +181,22 @@ def with_relations(
     Bodies in loops, between the ends of closures, stay where they are: loops close at the numbers of the file.
     """
     parents = [body.parent for body in bodies]
-    looped = {k for pair in ends for chain in parted(*pair, parents.__getitem__) for k in chain}
+    looped = {
+        k
+        for pair in ends
+        for chain in parted(*pair, parents.__getitem__)
+        for k in chain
+    }
     found: list[Body] = []
-    literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in snapping.literal)}
+    literal = {
+        label
+        for label, own in sources.items()
+        if any(e.startswith(tuple(own)) for e in snapping.literal)
+    }
     named = set(snapping.symbols)
-    scale = largest_offset((step for body in bodies for step in body.joint.steps), snapping.known)
+    scale = largest_offset(
+        (step for body in bodies for step in body.joint.steps), snapping.known
+    )
     down = _down(gravity, snapping)
     for index, body in enumerate(bodies):
         pair = _pair(found, body, down)
@@ -162,11 +204,20 @@ def with_relations(
             found.append(body)
             continue
         parent = None if body.parent == GROUND else bodies[body.parent].label
-        as_stated = not literal.isdisjoint({body.label, parent}) or not snapping.exact.isdisjoint(pair.symbols())
+        as_stated = not literal.isdisjoint(
+            {body.label, parent}
+        ) or not snapping.exact.isdisjoint(pair.symbols())
         found.append(replace(pair, literal=as_stated, scale=scale).related(snapping))
-        if body.parent == GROUND and down is not None and down.gravity and replace(pair, body=found[-1]).is_exact:
+        if (
+            body.parent == GROUND
+            and down is not None
+            and down.gravity
+            and replace(pair, body=found[-1]).is_exact
+        ):
             gravity = down.gravity
-    used = {s for body in found for s in body.joint.symbols()} | {s for part in gravity or () for s in part.symbols()}
+    used = {s for body in found for s in body.joint.symbols()} | {
+        s for part in gravity or () for s in part.symbols()
+    }
     snapping.forget(set(snapping.symbols) - named - used)
     return found, gravity
 
@@ -177,7 +228,9 @@ class _Down:
 
     frame: Placement
     axis: int
-    gravity: Vector | None  # gravity in the base frame by the frame's angles; None for a frame without any
+    gravity: (
+        Vector | None
+    )  # gravity in the base frame by the frame's angles; None for a frame without any
 
 
 def _down(gravity: Vector | None, snapping: Snapping) -> _Down | None:
@@ -233,8 +286,16 @@ class _Pair:
             return self.body
         rotation = multiply(self.trailing.rotation, self.leading.rotation)
         exact = self._rotation(rotation, snapping)
-        turned = self.leading.rotation if exact is rotation else multiply(transpose(self.trailing.rotation), exact)
-        shift = self._translation(exact, snapping) if self.turns else self.leading.translation
+        turned = (
+            self.leading.rotation
+            if exact is rotation
+            else multiply(transpose(self.trailing.rotation), exact)
+        )
+        shift = (
+            self._translation(exact, snapping)
+            if self.turns
+            else self.leading.translation
+        )
         if turned is self.leading.rotation and shift is self.leading.translation:
             return self.body
         kept: tuple[Step, ...] = self.body.joint.steps
@@ -250,26 +311,37 @@ class _Pair:
 
     def _rotation(self, rotation: Matrix, snapping: Snapping) -> Matrix:
         """The rotation between the axes' frames, exact if its twist is meant to be."""
-        numbers = np.array([[snapping.numeric(entry) for entry in row] for row in rotation])
+        numbers = np.array(
+            [[snapping.numeric(entry) for entry in row] for row in rotation]
+        )
         along = numbers[self.axis, self.motion.axis]
         across = np.delete(numbers[:, self.motion.axis], self.axis)
         twist = atan2(hypot(*across), along)
         steps = round(twist / _STEP)
         element, difference = self._element("axis against"), abs(twist - steps * _STEP)
         excess = rotation[self.axis][self.motion.axis] - cosine_of_turn(steps)
-        if not excess or difference > max(self._tolerance(snapping.angle_tolerance(element)), _NEAR):
+        if not excess or difference > max(
+            self._tolerance(snapping.angle_tolerance(element)), _NEAR
+        ):
             return rotation
         if not vanishes(excess, snapping.symbols):
             if not snapping.options.snap_tolerance:
                 return rotation
-            snapping.snaps.append(Snap(element, f"{twist:.9g}", f"{steps * 15}°", difference))
+            snapping.snaps.append(
+                Snap(element, f"{twist:.9g}", f"{steps * 15}°", difference)
+            )
         return self._with_twist(numbers, steps, element, snapping)
 
-    def _with_twist(self, numbers: Floats, steps: int, element: str, snapping: Snapping) -> Matrix:
+    def _with_twist(
+        self, numbers: Floats, steps: int, element: str, snapping: Snapping
+    ) -> Matrix:
         before, after = TO_AXIS[self.axis], TO_AXIS[self.motion.axis]
         matrix = _floats(before).T @ numbers @ _floats(after)
         if steps % STEPS_PER_HALF_TURN:
-            first, second = atan2(matrix[0, 2], -matrix[1, 2]), atan2(matrix[2, 0], matrix[2, 1])
+            first, second = (
+                atan2(matrix[0, 2], -matrix[1, 2]),
+                atan2(matrix[2, 0], matrix[2, 1]),
+            )
         else:
             first, second = atan2(matrix[1, 0], matrix[0, 0]), 0.0
         one, two = (
@@ -279,24 +351,41 @@ class _Pair:
             for angle in (first, second)
         )
         twist = Angle(Fraction(steps, STEPS_PER_HALF_TURN))
-        return (before @ turn(2, one) @ turn(0, twist) @ turn(2, two) @ after.inverse()).rotation
+        return (
+            before @ turn(2, one) @ turn(0, twist) @ turn(2, two) @ after.inverse()
+        ).rotation
 
     def _translation(self, rotation: Matrix, snapping: Snapping) -> Vector:
         """The joint's place in its parent, exactly on the axis before it if it is meant to be."""
-        if not any(m.kind in _TURNS and m.axis == self.motion.axis for m in self.body.joint.motions):
+        if not any(
+            m.kind in _TURNS and m.axis == self.motion.axis
+            for m in self.body.joint.motions
+        ):
             return self.leading.translation  # where a slide is makes no difference
         moved = rotate(self.trailing.rotation, self.leading.translation)
-        place = tuple(a + b for a, b in zip(self.trailing.translation, moved, strict=True))
+        place = tuple(
+            a + b for a, b in zip(self.trailing.translation, moved, strict=True)
+        )
         direction = tuple(row[self.motion.axis] for row in rotation)
         i, j = (self.axis + 1) % 3, (self.axis + 2) % 3
-        p, d = (np.array([snapping.numeric(entry) for entry in v]) for v in (place, direction))
+        p, d = (
+            np.array([snapping.numeric(entry) for entry in v])
+            for v in (place, direction)
+        )
         sine = hypot(d[i], d[j])
         if sine > _NOISE:
-            gap, exact = abs(p[i] * d[j] - p[j] * d[i]) / sine, place[i] * direction[j] - place[j] * direction[i]
+            gap, exact = (
+                abs(p[i] * d[j] - p[j] * d[i]) / sine,
+                place[i] * direction[j] - place[j] * direction[i],
+            )
         else:
             gap, exact = hypot(p[i], p[j]), place[i] * place[i] + place[j] * place[j]
         element = self._element("distance of its axis from")
-        tolerance = PRECISION if self.literal or element in snapping.literal else LENGTH_TOLERANCE
+        tolerance = (
+            PRECISION
+            if self.literal or element in snapping.literal
+            else LENGTH_TOLERANCE
+        )
         if not exact or gap > max(tolerance, _NEAR) * self.scale:
             return self.leading.translation
         if not vanishes(exact, snapping.symbols):
@@ -305,7 +394,9 @@ class _Pair:
             snapping.snaps.append(Snap(element, f"{gap:.3g}", "0", float(gap)))
         second = 0.0 if sine <= _NOISE else float(p[i] * d[i] + p[j] * d[j]) / sine**2
         along = [Polynomial({})] * 3
-        along[self.axis] = snapping.length(float(p[self.axis] - second * d[self.axis]), f"d{self.body.label}", element)
+        along[self.axis] = snapping.length(
+            float(p[self.axis] - second * d[self.axis]), f"d{self.body.label}", element
+        )
         step = snapping.length(second, f"r{self.body.label}", element)
         met = tuple(a + step * b for a, b in zip(along, direction, strict=True))
         x, y, z = (a - b for a, b in zip(met, self.trailing.translation, strict=True))
@@ -318,15 +409,27 @@ def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | Non
     if not motions or motions[0].kind is MotionKind.BALL:
         return None
     if body.parent == GROUND:
-        return None if down is None else _Pair(body, "gravity", down.axis, down.frame.inverse(), turns=False)
+        return (
+            None
+            if down is None
+            else _Pair(body, "gravity", down.axis, down.frame.inverse(), turns=False)
+        )
     joint = bodies[body.parent].joint
     if not joint.motions or joint.motions[-1].kind is MotionKind.BALL:
         return None
     last = joint.steps[-1]
     trailing = last if isinstance(last, Placement) else Placement()
     motion = joint.motions[-1]
-    return _Pair(body, f"joint '{joint.name}'", motion.axis, trailing, motion.kind is not MotionKind.TRANSLATION)
+    return _Pair(
+        body,
+        f"joint '{joint.name}'",
+        motion.axis,
+        trailing,
+        motion.kind is not MotionKind.TRANSLATION,
+    )
 
 
 def _floats(placement: Placement) -> Floats:
-    return np.array([[float(entry.number or 0) for entry in row] for row in placement.rotation])
+    return np.array(
+        [[float(entry.number or 0) for entry in row] for row in placement.rotation]
+    )

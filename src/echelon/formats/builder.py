@@ -38,8 +38,23 @@ from echelon.formats.snapping import ReadingOptions, Snapping, gravity_vector
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Side
 from echelon.mechanism.impossible import stated_impossibilities
-from echelon.mechanism.joint import ALL, GROUND, Motion, MotionKind, Placement, Step, merge
-from echelon.mechanism.mechanism import Force, Mechanism, Output, Snap, setup_placements, wrench_output
+from echelon.mechanism.joint import (
+    ALL,
+    GROUND,
+    Motion,
+    MotionKind,
+    Placement,
+    Step,
+    merge,
+)
+from echelon.mechanism.mechanism import (
+    Force,
+    Mechanism,
+    Output,
+    Snap,
+    setup_placements,
+    wrench_output,
+)
 from echelon.names import symbol_stem
 
 Ride = tuple[int, tuple[LiteralPlacement, ...]]
@@ -55,7 +70,9 @@ class Built:
     notes: tuple[str, ...]
     # links, frames and joints that are fixed to bodies, by name
     rides: Mapping[str, Ride] = field(default_factory=dict)
-    driven: tuple[str, ...] = ()  # coordinates, or joints, that have drives, as far as that is said
+    driven: tuple[
+        str, ...
+    ] = ()  # coordinates, or joints, that have drives, as far as that is said
 
     @property
     def snaps(self) -> tuple[Snap, ...]:
@@ -69,17 +86,29 @@ class Built:
         return body, self.snapping.without_noise(placed, f"frame '{name}'")
 
 
-def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
+def build_mechanism(
+    tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()
+) -> Built:
     """Interpret a literal tree."""
     return _Builder(with_joints(tree, options.joints), options, literal).build()
 
 
 class _Builder:
-    def __init__(self, tree: LiteralTree, options: ReadingOptions, literal: Collection[str]) -> None:
+    def __init__(
+        self, tree: LiteralTree, options: ReadingOptions, literal: Collection[str]
+    ) -> None:
         self.tree, self.options = tree, options
-        lengths = (abs(float(x)) for k in tree.links for s in k.steps if isinstance(s, LiteralPlacement) for x in s.xyz)
+        lengths = (
+            abs(float(x))
+            for k in tree.links
+            for s in k.steps
+            if isinstance(s, LiteralPlacement)
+            for x in s.xyz
+        )
         looped = replace(options, looped=options.looped or bool(tree.closures))
-        self.snapping = Snapping(tree.source, looped, literal, scale=max(lengths, default=0.0))
+        self.snapping = Snapping(
+            tree.source, looped, literal, scale=max(lengths, default=0.0)
+        )
         self.notes = list(tree.notes)
         self.couplings = self._resolved_couplings()
         self.floating_link = self._floating_link() if options.floating else None
@@ -98,11 +127,18 @@ class _Builder:
         gravity = gravity_vector(self.options.gravity, (x, y, z))
         closures = tuple(self._closure(closure) for closure in self._moving_closures())
         ends = [(closure.first, closure.second) for closure in closures]
-        self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.lumped.sources, ends=ends)
+        self.bodies, gravity = with_relations(
+            self.bodies, gravity, self.snapping, self.lumped.sources, ends=ends
+        )
         couplings = tuple(c.coupling for c in self.couplings.values())
         rounding = rounding_of_tree(self.tree) if self.options.snap_tolerance else 0.0
         mechanism = Mechanism(
-            self.tree.name, tuple(self.bodies), gravity, couplings, closures=closures, rounding=rounding
+            self.tree.name,
+            tuple(self.bodies),
+            gravity,
+            couplings,
+            closures=closures,
+            rounding=rounding,
         )
         mechanism = replace(mechanism, measured=self._measured(mechanism))
         if closures:
@@ -111,27 +147,41 @@ class _Builder:
             self.notes += [note] if note else []
             mechanism = replace(mechanism, assembly=assembly)
         used = {s for b in mechanism.bodies for s in b.joint.symbols()}
-        used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
-        symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
+        used.update(
+            s for placement in setup_placements(mechanism) for s in placement.symbols()
+        )
+        symbols = {
+            name: symbol
+            for name, symbol in self.snapping.symbols.items()
+            if name in used
+        }
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
             from echelon.loops import close  # robots without loops load without it
 
             mechanism = close(mechanism, prefer=self._preferred(mechanism))
         self._check_independent(mechanism)
-        return Built(mechanism, self.snapping, tuple(self.notes), self._rides(), self.tree.driven)
+        return Built(
+            mechanism, self.snapping, tuple(self.notes), self._rides(), self.tree.driven
+        )
 
     def _preferred(self, mechanism: Mechanism) -> list[str]:
         """Coordinates that shall be independent where loops leave a choice: first those of drives."""
         first = [name for name in self.tree.driven if name in mechanism.velocities]
         if not self.tree.independent:
             return first
-        others = [name for name in mechanism.velocities if self.tree.independent.get(name, True)]
+        others = [
+            name
+            for name in mechanism.velocities
+            if self.tree.independent.get(name, True)
+        ]
         return list(dict.fromkeys([*first, *others]))
 
     def _check_independent(self, mechanism: Mechanism) -> None:
         """Refuse joints of which the file says that they depend on others, or do not, if that is not so."""
-        if self.options.looped or (self.options.independent_mimics and self.tree.has_mimics):
+        if self.options.looped or (
+            self.options.independent_mimics and self.tree.has_mimics
+        ):
             return  # loops stand in a file beside this one, or couplings are ignored on request
         for name, stated in self.tree.independent.items():
             if not stated and name in mechanism.independent_velocities:
@@ -140,7 +190,11 @@ class _Builder:
                     "state one, or leave the attribute out (--ignore @independent)"
                 )
                 raise self._error(f"joint '{name}'", problem)
-            if stated and name in mechanism.velocities and name not in mechanism.independent_velocities:
+            if (
+                stated
+                and name in mechanism.velocities
+                and name not in mechanism.independent_velocities
+            ):
                 chosen = ", ".join(mechanism.independent_velocities)
                 problem = f"the file says that it is independent, but it follows from others through loops: {chosen}"
                 raise self._error(f"joint '{name}'", problem)
@@ -148,7 +202,11 @@ class _Builder:
     def _rides(self) -> dict[str, Ride]:
         """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
         links, bodies = self.tree.links, {body.name for body in self.bodies}
-        rides = {link.name: self._ride(k) for k, link in enumerate(links) if link.name not in bodies}
+        rides = {
+            link.name: self._ride(k)
+            for k, link in enumerate(links)
+            if link.name not in bodies
+        }
         for frame in self.tree.frames:
             if frame.name not in bodies:
                 body, placements = self._ride(frame.link)
@@ -162,33 +220,71 @@ class _Builder:
         """What the sensors of the file measure, if that is asked for."""
         if self.options.measured == "drives":
             if self.tree.sensors:
-                unused = f"{len(self.tree.sensors)} force sensors of the file are not used"
+                unused = (
+                    f"{len(self.tree.sensors)} force sensors of the file are not used"
+                )
                 self.notes.append(f"{unused}; --measured file takes them as outputs")
             return None
         motions = {m.name: m for m in mechanism.free_motions}
-        outputs = tuple(output for sensor in self.sensors for output in self._outputs(sensor, motions))
+        outputs = tuple(
+            output
+            for sensor in self.sensors
+            for output in self._outputs(sensor, motions)
+        )
         if not outputs:
-            raise InputError("the file has no force sensors that could be outputs", source=self.tree.source)
+            raise InputError(
+                "the file has no force sensors that could be outputs",
+                source=self.tree.source,
+            )
         return outputs
 
-    def _outputs(self, sensor: LiteralSensor, motions: Mapping[str, Motion]) -> Iterator[Output]:
+    def _outputs(
+        self, sensor: LiteralSensor, motions: Mapping[str, Motion]
+    ) -> Iterator[Output]:
         if isinstance(sensor, LiteralWrench):
             body, offset = self._ride(sensor.link)
-            frame = self.snapping.placements((*offset, *sensor.placements), symbol_stem(sensor.name))
+            frame = self.snapping.placements(
+                (*offset, *sensor.placements), symbol_stem(sensor.name)
+            )
             letter = "t" if sensor.angular else "f"
-            yield from (wrench_output(sensor.name, f"{letter}{axis}", body, frame) for axis in "xyz")
+            yield from (
+                wrench_output(sensor.name, f"{letter}{axis}", body, frame)
+                for axis in "xyz"
+            )
         elif sensor.joint in motions:
-            unit = "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
-            yield Output(sensor.name, unit, ((Force(sensor.joint, Side.JOINT), Polynomial.constant(sensor.weight)),))
+            unit = (
+                "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
+            )
+            yield Output(
+                sensor.name,
+                unit,
+                (
+                    (
+                        Force(sensor.joint, Side.JOINT),
+                        Polynomial.constant(sensor.weight),
+                    ),
+                ),
+            )
         else:
-            self.notes.append(f"{sensor.element} is left out: joint '{sensor.joint}' does not move freely")
+            self.notes.append(
+                f"{sensor.element} is left out: joint '{sensor.joint}' does not move freely"
+            )
 
     def _closure(self, stated: LiteralClosure) -> Closure:
-        (first, offset), (second, other) = self._ride(stated.first), self._ride(stated.second)
+        (first, offset), (second, other) = (
+            self._ride(stated.first),
+            self._ride(stated.second),
+        )
         read, stem = self.snapping.placements, symbol_stem(stated.name)
-        aim = Placement() if stated.axis is None else self.snapping.aim(stated.axis, stem)
+        aim = (
+            Placement() if stated.axis is None else self.snapping.aim(stated.axis, stem)
+        )
         frame = read(stated.first_frame, stem) @ aim
-        met = self._met(stated, frame) if stated.second_frame is None else read(stated.second_frame, stem) @ aim
+        met = (
+            self._met(stated, frame)
+            if stated.second_frame is None
+            else read(stated.second_frame, stem) @ aim
+        )
         frame, met = read(offset, stem) @ frame, read(other, stem) @ met
         return Closure(stated.name, stated.kind, first, second, frame, met)
 
@@ -206,21 +302,32 @@ class _Builder:
                 self.snapping.symbols,
             )
         except ValueError as error:
-            raise InputError(str(error), source=self.tree.source, element=stated.element) from None
+            raise InputError(
+                str(error), source=self.tree.source, element=stated.element
+            ) from None
 
     def _moving_closures(self) -> Iterator[LiteralClosure]:
         for closure in self.tree.closures:
             if self._ride(closure.first)[0] != self._ride(closure.second)[0]:
                 yield closure
             else:
-                self.notes.append(f"{closure.element} is ignored: its two ends do not move against each other")
+                self.notes.append(
+                    f"{closure.element} is ignored: its two ends do not move against each other"
+                )
 
     def _ride(self, link: int) -> Ride:
         """The body that carries a link, and the placements from its frame to the link's."""
         links, found = self.tree.links, tuple[LiteralPlacement, ...]()
         body = self.lumped.host[links[link].name] if link != GROUND else GROUND
         while link != GROUND and not self._makes_body(link, links[link]):
-            found = (*(step for step in links[link].steps if isinstance(step, LiteralPlacement)), *found)
+            found = (
+                *(
+                    step
+                    for step in links[link].steps
+                    if isinstance(step, LiteralPlacement)
+                ),
+                *found,
+            )
             link = links[link].parent
         return body, found
 
@@ -238,7 +345,9 @@ class _Builder:
         if not self.tree.root_is_world:
             return 0
         hanging = [k for k, link in enumerate(self.tree.links) if link.parent == 0]
-        if len(hanging) == 1 and all(isinstance(s, LiteralPlacement) for s in self.tree.links[hanging[0]].steps):
+        if len(hanging) == 1 and all(
+            isinstance(s, LiteralPlacement) for s in self.tree.links[hanging[0]].steps
+        ):
             return hanging[0]
         names = ", ".join(f"'{self.tree.links[k].name}'" for k in hanging) or "none"
         raise InputError(
@@ -250,9 +359,14 @@ class _Builder:
         """Refuse a base that floats already by a joint of the file."""
         root, *others = self.tree.links
         carried = [link for link in others if link.parent == 0]
-        while len(carried) == 1 and _is_fixed(carried[0]) and root.inertial is None:  # such as a frame of the world
+        while (
+            len(carried) == 1 and _is_fixed(carried[0]) and root.inertial is None
+        ):  # such as a frame of the world
             place = self.tree.links.index(carried[0])
-            root, carried = carried[0], [link for link in others if link.parent == place]
+            root, carried = (
+                carried[0],
+                [link for link in others if link.parent == place],
+            )
         floats = [link for link in carried if any(_floats(step) for step in link.steps)]
         if len(floats) == len(carried) == 1 and root.inertial is None:
             problem = (
@@ -277,7 +391,9 @@ class _Builder:
             self.lumped.attach(part, part.steps)
             return
         label = self.lumped.add(part, floats=index == self.floating_link)
-        if not self.tree.closures:  # loops close at the lengths of the file, not at any others
+        if (
+            not self.tree.closures
+        ):  # loops close at the lengths of the file, not at any others
             body, element = self.bodies[-1], f"joint '{link.joint or link.name}'"
             steps = merge(self.snapping.name_lengths(body.joint.steps, label, element))
             self.bodies[-1] = replace(body, joint=replace(body.joint, steps=steps))
@@ -296,12 +412,16 @@ class _Builder:
                 read.insert(read.index(moved), self._offset(coupling, moved, label))
         return merge(tuple(read))
 
-    def _offset(self, coupling: StatedCoupling, motion: Motion, label: str) -> Placement:
+    def _offset(
+        self, coupling: StatedCoupling, motion: Motion, label: str
+    ) -> Placement:
         """The constant part of a coupling, as a placement before the motion."""
 
         def angle(value: Polynomial) -> Angle:
             assert isinstance(value.number, int | Fraction)
-            return self.snapping.angle(value.number, f"{coupling.element} offset", f"offset{label}")
+            return self.snapping.angle(
+                value.number, f"{coupling.element} offset", f"offset{label}"
+            )
 
         return placed_before(motion, coupling.offset, angle)
 
@@ -309,7 +429,9 @@ class _Builder:
         names = {link.name: index for index, link in enumerate(self.tree.links)}
         for name in self.options.massless:
             if name not in names:
-                raise InputError(f"no link '{name}' to declare massless", source=self.tree.source)
+                raise InputError(
+                    f"no link '{name}' to declare massless", source=self.tree.source
+                )
             if not self._makes_body(names[name], self.tree.links[names[name]]):
                 raise InputError(
                     "it is fixed to its parent and counts as part of it; keep every link, or declare the moving link",
@@ -325,10 +447,14 @@ class _Builder:
             body, placements = self._ride(index)
             if body == GROUND or link.inertial is None:
                 continue
-            moved = move_inertial(np.array(link.inertial), numeric_placements(placements))
+            moved = move_inertial(
+                np.array(link.inertial), numeric_placements(placements)
+            )
             totals[body] = totals[body] + moved if body in totals else moved
             faults = stated_impossibilities(link.name, link.inertial)
-            self.bodies[body] = replace(self.bodies[body], impossible=(*self.bodies[body].impossible, *faults))
+            self.bodies[body] = replace(
+                self.bodies[body], impossible=(*self.bodies[body].impossible, *faults)
+            )
         for body, total in totals.items():
             values = tuple(float(v) for v in total)
             self.bodies[body] = replace(self.bodies[body], inertial=values)
@@ -360,11 +486,16 @@ _CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and
 _NEAR = 0.02  # a pose that is this near to closing is taken for the one that is meant
 
 
-def chosen_pose(mechanism: Mechanism, poses: Mapping[str, Mapping[str, float]]) -> tuple[dict[str, float], str]:
+def chosen_pose(
+    mechanism: Mechanism, poses: Mapping[str, Mapping[str, float]]
+) -> tuple[dict[str, float], str]:
     """The pose near which loops are assembled, and what the user should know about it, if anything."""
     from echelon.loops import ClosedMotion, largest, normalised
 
-    known = [{n: v for n, v in pose.items() if n in mechanism.positions} for pose in poses.values()]
+    known = [
+        {n: v for n, v in pose.items() if n in mechanism.positions}
+        for pose in poses.values()
+    ]
     motion = ClosedMotion(mechanism)
     q = normalised(mechanism, np.array([_positions(mechanism, pose) for pose in known]))
     open_by = largest(motion.closures.at(q)[0])
@@ -372,12 +503,20 @@ def chosen_pose(mechanism: Mechanism, poses: Mapping[str, Mapping[str, float]]) 
     names = list(poses)
     if best:
         at_first = f"at {names[0]} {motion.opening(q[0])}"
-        return known[best], f"the loops are assembled near {names[best]}, because {at_first}"
+        return known[
+            best
+        ], f"the loops are assembled near {names[best]}, because {at_first}"
     if open_by[0] > _CLOSED:
-        return known[0], f"at {names[0]} {motion.opening(q[0])}: the loops are assembled near it"
+        return known[
+            0
+        ], f"at {names[0]} {motion.opening(q[0])}: the loops are assembled near it"
     return known[0], ""
 
 
 def _positions(mechanism: Mechanism, pose: Mapping[str, float]) -> Floats:
-    upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
-    return np.array([pose.get(name, upright.get(name, 0.0)) for name in mechanism.positions])
+    upright = {
+        m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL
+    }
+    return np.array(
+        [pose.get(name, upright.get(name, 0.0)) for name in mechanism.positions]
+    )

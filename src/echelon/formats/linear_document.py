@@ -46,17 +46,27 @@ def read_linear(document: Document) -> LinearModel:
         stated = LinearDocument.model_validate(document.data)
     except ValidationError as error:
         first = error.errors()[0]
-        path = ".".join(str(part) for part in first["loc"] if part not in ("list[str]", "dict[str,nullable[str]]"))
+        path = ".".join(
+            str(part)
+            for part in first["loc"]
+            if part not in ("list[str]", "dict[str,nullable[str]]")
+        )
         raise document.error(path, first["msg"]) from None
     parameters = stated.parameters
-    units = [unit or "" for unit in parameters.values()] if isinstance(parameters, dict) else None
+    units = (
+        [unit or "" for unit in parameters.values()]
+        if isinstance(parameters, dict)
+        else None
+    )
     given = (stated.variables, list(parameters), stated.constants)
     with locating(document.source):
         if stated.outputs is not None:
             rows, names = list(stated.outputs.values()), list(stated.outputs)
             return LinearModel.from_outputs(rows, *given, names, units, stated.name)
         table = stated.regressor or {}
-        return LinearModel(list(table.values()), *given, list(table), units, stated.name)
+        return LinearModel(
+            list(table.values()), *given, list(table), units, stated.name
+        )
 
 
 class LinearDocument(Schema):
@@ -68,10 +78,18 @@ class LinearDocument(Schema):
     model: Literal["linear"]
     name: str = "model"
     variables: list[str] = Field(description="What varies from sample to sample.")
-    parameters: dict[str, str | None] | list[str] = Field(description="Names, or names with units, in column order.")
-    constants: dict[str, str | None] | list[str] = Field({}, description="Names, or names with exact values.")
-    outputs: dict[str, str] | None = Field(None, description="Expressions linear in the parameters, by name.")
-    regressor: dict[str, list[str]] | None = Field(None, description="Rows of X by the name of their output.")
+    parameters: dict[str, str | None] | list[str] = Field(
+        description="Names, or names with units, in column order."
+    )
+    constants: dict[str, str | None] | list[str] = Field(
+        {}, description="Names, or names with exact values."
+    )
+    outputs: dict[str, str] | None = Field(
+        None, description="Expressions linear in the parameters, by name."
+    )
+    regressor: dict[str, list[str]] | None = Field(
+        None, description="Rows of X by the name of their output."
+    )
 
     @model_validator(mode="after")
     def _one_of_two(self) -> LinearDocument:
@@ -93,7 +111,9 @@ def linear_document(model: LinearModel) -> dict[str, Any]:
         "name": model.name,
         "variables": list(model.variables),
         "parameters": dict(zip(model.parameters, model.units, strict=True)),
-        "constants": {n: None if v is None else str(v) for n, v in model.constants.items()},
+        "constants": {
+            n: None if v is None else str(v) for n, v in model.constants.items()
+        },
         "regressor": dict(zip(model.outputs, table, strict=True)),
     }
 
@@ -103,4 +123,6 @@ def _text(formula: Any) -> str:
     with extra("symbolic"):
         import sympy
 
-    return str(formula.subs(sympy.E, sympy.Function("exp")(sympy.Symbol("1")))).replace("Abs(", "abs(")
+    return str(formula.subs(sympy.E, sympy.Function("exp")(sympy.Symbol("1")))).replace(
+        "Abs(", "abs("
+    )

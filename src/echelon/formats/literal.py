@@ -77,7 +77,9 @@ class LiteralLink:
     kind: str  # its type there
     # from the parent's frame to this link's; no motion in it means that the link is fixed
     steps: tuple[LiteralStep, ...]
-    inertial: tuple[float, ...] | None = None  # standard parameters about this link's frame
+    inertial: tuple[float, ...] | None = (
+        None  # standard parameters about this link's frame
+    )
     # from the parent's frame to this link's at the reference pose, where a format has one
     rest: tuple[LiteralPlacement, ...] = ()
 
@@ -91,10 +93,14 @@ class LiteralClosure:
     kind: ClosureKind
     first: int  # index of a link
     second: int
-    first_frame: tuple[LiteralPlacement, ...]  # the frame that it holds, in the first link's frame
+    first_frame: tuple[
+        LiteralPlacement, ...
+    ]  # the frame that it holds, in the first link's frame
     # the same in the second link's frame; None for where the first one is at the reference pose
     second_frame: tuple[LiteralPlacement, ...] | None
-    axis: LiteralMotion | None = None  # along whose axis, stated in these frames, z is instead
+    axis: LiteralMotion | None = (
+        None  # along whose axis, stated in these frames, z is instead
+    )
 
 
 @dataclass(frozen=True)
@@ -137,7 +143,9 @@ class LiteralTree:
     name: str  # of the robot
     source: str  # of the file
     links: tuple[LiteralLink, ...]  # parents before children; the first is the root
-    couplings: tuple[StatedCoupling, ...] = ()  # of mimic elements or equality constraints, with numbers
+    couplings: tuple[
+        StatedCoupling, ...
+    ] = ()  # of mimic elements or equality constraints, with numbers
     gravity: Triple = (0, 0, Fraction(-981, 100))  # in the root's frame, m/s²
     notes: tuple[str, ...] = ()
     # whether the first link is the world itself, which never moves and carries no parameters
@@ -165,7 +173,9 @@ class StatedCoupling:
 
     element: str  # what states it: a mimic element, an equality constraint, an entry of a description
     coordinate: str
-    terms: Mapping[str, Spline]  # functions of other coordinates, which may be dependent themselves
+    terms: Mapping[
+        str, Spline
+    ]  # functions of other coordinates, which may be dependent themselves
     offset: Polynomial  # the constant part; of rotations it may contain pi
 
     @property
@@ -174,26 +184,37 @@ class StatedCoupling:
         return Coupling(self.coordinate, tuple(self.terms.items()))
 
 
-def resolved(couplings: Iterable[StatedCoupling], error: Callable[[str, str], InputError]) -> dict[str, StatedCoupling]:
+def resolved(
+    couplings: Iterable[StatedCoupling], error: Callable[[str, str], InputError]
+) -> dict[str, StatedCoupling]:
     """Couplings by coordinate, with chains of dependent coordinates followed to independent ones."""
     stated: dict[str, StatedCoupling] = {}
     for coupling in couplings:
         earlier = stated.setdefault(coupling.coordinate, coupling)
         if earlier is not coupling:
-            raise error(coupling.element, f"'{coupling.coordinate}' is already coupled in {earlier.element}")
+            raise error(
+                coupling.element,
+                f"'{coupling.coordinate}' is already coupled in {earlier.element}",
+            )
     known: dict[str, StatedCoupling] = {}
-    order = TopologicalSorter({name: [n for n in c.terms if n in stated] for name, c in stated.items()})
+    order = TopologicalSorter(
+        {name: [n for n in c.terms if n in stated] for name, c in stated.items()}
+    )
     try:
         for name in order.static_order():
             known[name] = substituted(stated[name], known, error)
     except CycleError as found:
         *_, last, _ = circle = found.args[1][::-1]
-        raise error(stated[last].element, f"the couplings form a circle: {' -> '.join(circle)}") from None
+        raise error(
+            stated[last].element, f"the couplings form a circle: {' -> '.join(circle)}"
+        ) from None
     return {name: known[name] for name in stated}
 
 
 def substituted(
-    coupling: StatedCoupling, known: Mapping[str, StatedCoupling], error: Callable[[str, str], InputError]
+    coupling: StatedCoupling,
+    known: Mapping[str, StatedCoupling],
+    error: Callable[[str, str], InputError],
 ) -> StatedCoupling:
     """A coupling with functions of independent coordinates in the place of dependent ones."""
     terms: dict[str, Spline] = {}
@@ -205,7 +226,10 @@ def substituted(
             inner, constant = dict(known[name].terms), known[name].offset
         if function.ratio is None and len(inner) > 1:
             several = ", ".join(inner)
-            raise error(coupling.element, f"'{name}' follows {several}, so only linear functions of it are supported")
+            raise error(
+                coupling.element,
+                f"'{name}' follows {several}, so only linear functions of it are supported",
+            )
         for independent, part in inner.items() or [(name, Spline(()))]:
             try:
                 found, value = function.after(part, constant)
@@ -213,7 +237,9 @@ def substituted(
                 raise error(coupling.element, str(problem)) from None
             terms[independent] = terms.get(independent, Spline(())) + found
             offset, constant = offset + value, Polynomial({})
-    moving = {name: function for name, function in terms.items() if function.expressions}
+    moving = {
+        name: function for name, function in terms.items() if function.expressions
+    }
     return StatedCoupling(coupling.element, coupling.coordinate, moving, offset)
 
 
@@ -234,24 +260,44 @@ def with_joints(tree: LiteralTree, joints: Sequence[StatedJoint]) -> LiteralTree
     The frame in which the file states a joint stays; a ball, or the axes of a universal joint, take the place of its
     axis.
     """
-    coupled = {name: c.element for c in tree.couplings for name in (c.coordinate, *c.terms)}
+    coupled = {
+        name: c.element for c in tree.couplings for name in (c.coordinate, *c.terms)
+    }
     for joint in joints:
-        moving = [step.name for link in tree.links for step in link.steps if isinstance(step, LiteralMotion)]
-        names = dict.fromkeys([*(link.joint for link in tree.links if link.joint), *moving])
+        moving = [
+            step.name
+            for link in tree.links
+            for step in link.steps
+            if isinstance(step, LiteralMotion)
+        ]
+        names = dict.fromkeys(
+            [*(link.joint for link in tree.links if link.joint), *moving]
+        )
         if joint.name not in names:
-            raise joint.error(f"the robot file has no joint '{joint.name}'{nearest_of(joint.name, list(names))}")
+            raise joint.error(
+                f"the robot file has no joint '{joint.name}'{nearest_of(joint.name, list(names))}"
+            )
         if joint.name in coupled:
-            raise joint.error(f"it has one axis, because of {coupled[joint.name]}: take that out")
+            raise joint.error(
+                f"it has one axis, because of {coupled[joint.name]}: take that out"
+            )
         tree = replace(tree, links=tuple(_changed(link, joint) for link in tree.links))
     return tree
 
 
 def _changed(link: LiteralLink, joint: StatedJoint) -> LiteralLink:
-    stated = any(isinstance(step, LiteralMotion) and step.name == joint.name for step in link.steps)
+    stated = any(
+        isinstance(step, LiteralMotion) and step.name == joint.name
+        for step in link.steps
+    )
     if not stated and link.joint != joint.name:
         return link
     # a joint of its own keeps its name; a fixed one has no motion that could be replaced
-    steps = link.steps if stated else (*link.steps, LiteralMotion(f"joint '{joint.name}'", joint.name, "fixed"))
+    steps = (
+        link.steps
+        if stated
+        else (*link.steps, LiteralMotion(f"joint '{joint.name}'", joint.name, "fixed"))
+    )
     kind = joint.kind if link.joint == joint.name else link.kind
     return replace(link, kind=kind, steps=tuple(_steps(steps, joint)))
 
@@ -266,12 +312,19 @@ def _steps(steps: Sequence[LiteralStep], joint: StatedJoint) -> Iterator[Literal
             for number, (axis, sign) in enumerate(joint.axes, 1):
                 x, y, z = (sign if k == axis else 0 for k in range(3))
                 direction: Triple = (x, y, z)
-                yield LiteralMotion(step.element, f"{joint.name}.{number}", MotionKind.ROTATION, direction)
+                yield LiteralMotion(
+                    step.element,
+                    f"{joint.name}.{number}",
+                    MotionKind.ROTATION,
+                    direction,
+                )
 
 
 def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     """Rz(yaw) Ry(pitch) Rx(roll)."""
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
+    cr, sr, cp, sp, cy, sy = (
+        f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin)
+    )
     return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -290,13 +343,20 @@ def roll_pitch_yaw(r: Floats) -> tuple[float, float, float]:
     # errors cancel
     yaw = atan2(r[1, 0], r[0, 0]) if hypot(r[0, 0], r[1, 0]) > _ROUNDING else 0.0
     c, s = cos(yaw), sin(yaw)
-    return atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]), atan2(-r[2, 0], hypot(r[0, 0], r[1, 0])), yaw
+    return (
+        atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]),
+        atan2(-r[2, 0], hypot(r[0, 0], r[1, 0])),
+        yaw,
+    )
 
 
 def numeric_placement(placement: LiteralPlacement) -> Floats:
     """A literal placement as a homogeneous matrix, shape (4, 4)."""
     frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = rotation_matrix(*map(float, placement.rpy)), [float(v) for v in placement.xyz]
+    frame[:3, :3], frame[:3, 3] = (
+        rotation_matrix(*map(float, placement.rpy)),
+        [float(v) for v in placement.xyz],
+    )
     if placement.inverse:
         frame[:3, 3] = -frame[:3, :3].T @ frame[:3, 3]
         frame[:3, :3] = frame[:3, :3].T.copy()
@@ -309,12 +369,19 @@ def numeric_placements(placements: Iterable[LiteralPlacement]) -> Floats:
 
 
 def central_inertial(
-    mass: float, centre: npt.ArrayLike, moments: Iterable[float], rotation: npt.ArrayLike
+    mass: float,
+    centre: npt.ArrayLike,
+    moments: Iterable[float],
+    rotation: npt.ArrayLike,
 ) -> tuple[float, ...]:
     """Standard parameters from mass, centre of mass, and inertia XX XY XZ YY YZ ZZ about it in rotated axes."""
     # centre in the link's frame, m; moments about it, kg·m², along axes that are the columns of the rotation there
     xx, xy, xz, yy, yz, zz = moments
-    turned = np.asarray(rotation) @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ np.asarray(rotation).T
+    turned = (
+        np.asarray(rotation)
+        @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+        @ np.asarray(rotation).T
+    )
     c = np.asarray(centre, dtype=float)
     about_origin = turned + mass * (c @ c * np.eye(3) - np.outer(c, c))
     return tuple(from_tensor(about_origin, mass * c, np.asarray(mass)).tolist())
@@ -327,6 +394,8 @@ def move_inertial(inertial: Floats, frame: Floats) -> Floats:
     h = r @ moment
     # parallel axes for a frame shift p: I + terms in h and m, symmetric in both factors; fewer roundings than a
     # congruence of the pseudo-inertia has, so that the digits of files stay
-    shifted = r @ tensor @ r.T + 2 * (p @ h) * np.eye(3) - np.outer(p, h) - np.outer(h, p)
+    shifted = (
+        r @ tensor @ r.T + 2 * (p @ h) * np.eye(3) - np.outer(p, h) - np.outer(h, p)
+    )
     shifted = shifted + mass * (p @ p * np.eye(3) - np.outer(p, p))
     return from_tensor(shifted, h + mass * p, mass)

@@ -49,8 +49,12 @@ class RobotFile:
     source: str  # name of the file, for messages
     is_description: bool  # whether it is YAML or JSON, rather than XML
     directory: Path | None = None  # where files that it includes are looked for
-    ignored: tuple[str, ...] = ()  # elements and attributes of XML that count as if they were not there
-    model: str = ""  # which of several models of an SDF file it is about; empty for the only one
+    ignored: tuple[
+        str, ...
+    ] = ()  # elements and attributes of XML that count as if they were not there
+    model: str = (
+        ""  # which of several models of an SDF file it is about; empty for the only one
+    )
 
     @classmethod
     def of(cls, data: bytes, source: str, directory: Path | None = None) -> RobotFile:
@@ -76,7 +80,11 @@ class RobotFile:
         from echelon.formats.description.document import read_text
 
         document = read_text(self.data, self.source)
-        if not isinstance(document.data, dict) or "closed_loop" not in document.data or "echelon" in document.data:
+        if (
+            not isinstance(document.data, dict)
+            or "closed_loop" not in document.data
+            or "echelon" in document.data
+        ):
             return document
         from echelon.formats.description.frame_pairs import as_description
 
@@ -106,9 +114,14 @@ class RobotFile:
             problem = "a description given as text cannot refer to another file"
             raise self.document.error("robot", problem)
         ignored = (*self.ignored, *self.description.robot.ignore)
-        file = replace(open_robot(self.directory / self.description.robot.file, self.model), ignored=ignored)
+        file = replace(
+            open_robot(self.directory / self.description.robot.file, self.model),
+            ignored=ignored,
+        )
         if file.is_description:
-            problem = "only URDF, SDF and MJCF files can be added to; include the description"
+            problem = (
+                "only URDF, SDF and MJCF files can be added to; include the description"
+            )
             raise InputError(problem, source=file.source)
         return file
 
@@ -155,48 +168,83 @@ class RobotFile:
 
     # -- mechanisms ------------------------------------------------------------------------------------------------
 
-    def mechanism(self, options: ReadingOptions | None = None, literal: Collection[str] = ()) -> Mechanism:
+    def mechanism(
+        self, options: ReadingOptions | None = None, literal: Collection[str] = ()
+    ) -> Mechanism:
         """The robot; the numbers of the literal elements are taken as they stand."""
         options = ReadingOptions() if options is None else options
         if new := [name for name in options.ignore if name not in self.ignored]:
-            return replace(self, ignored=(*self.ignored, *new)).mechanism(options, literal)
+            return replace(self, ignored=(*self.ignored, *new)).mechanism(
+                options, literal
+            )
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
-        locked = {**(self.description.locked if self.is_description else {}), **options.locked}
+        locked = {
+            **(self.description.locked if self.is_description else {}),
+            **options.locked,
+        }
         if locked:
             with locating(self.source):
                 mechanism = lock_joints(mechanism, locked)
-        tree = None if self.robot is None else self.robot.tree(mimics=not options.independent_mimics)
+        tree = (
+            None
+            if self.robot is None
+            else self.robot.tree(mimics=not options.independent_mimics)
+        )
         stated = self.description.effects if self.is_description else None
         if options.usual_effects if stated is None else "usual" in stated:
-            mechanism = with_usual_effects(mechanism, {} if tree is None else tree.drives)
+            mechanism = with_usual_effects(
+                mechanism, {} if tree is None else tree.drives
+            )
         couples = tree is not None and tree.has_mimics
         in_world = self.robot is not None and self.robot.root.tag != "robot"
-        questions = tuple(unit_questions(mechanism, built.snapping.radians, in_world=in_world))
+        questions = tuple(
+            unit_questions(mechanism, built.snapping.radians, in_world=in_world)
+        )
         for question in questions if not literal else ():
             warnings.warn(f"{self.source}: {question}", DoubtWarning, stacklevel=3)
         notes = (*built.notes, *self._asked(), *questions)
-        return mechanism.as_read(Reading(built.snaps, notes, self, options, couples, built.driven))
+        return mechanism.as_read(
+            Reading(built.snaps, notes, self, options, couples, built.driven)
+        )
 
     def _asked(self) -> list[str]:
         """A note on what is ignored on request."""
         ignored = () if self.robot is None else self.robot.ignored
         if self.ignored and self.robot is None:
-            raise InputError(f"it has no '{self.ignored[0]}' that could be ignored", source=self.source)
-        return [f"ignored, as asked: {', '.join(dict.fromkeys(ignored))}"] if ignored else []
+            raise InputError(
+                f"it has no '{self.ignored[0]}' that could be ignored",
+                source=self.source,
+            )
+        return (
+            [f"ignored, as asked: {', '.join(dict.fromkeys(ignored))}"]
+            if ignored
+            else []
+        )
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
         try:
             if not self.is_description:
-                return build_mechanism(self.tree(mimics=not options.independent_mimics), options, literal)
+                return build_mechanism(
+                    self.tree(mimics=not options.independent_mimics), options, literal
+                )
             if self.robot is None:
-                from echelon.formats.description.description_builder import build_description
+                from echelon.formats.description.description_builder import (
+                    build_description,
+                )
 
-                return build_description(self.document, self.description, options, literal)
+                return build_description(
+                    self.document, self.description, options, literal
+                )
             from echelon.formats.description.stated_setup import add_to_file
 
-            return add_to_file(self.document, self.description, options, partial(self.robot.built, literal=literal))
+            return add_to_file(
+                self.document,
+                self.description,
+                options,
+                partial(self.robot.built, literal=literal),
+            )
         except InputError as error:
             raise error.located(self.source) from None
 
@@ -212,7 +260,10 @@ def open_robot(robot: Any, model: str = "") -> RobotFile:
     file = replace(file, model=model)
     stated = None if file.is_linear_model else file.robot
     if stated is None or stated.root.tag != "sdf":
-        raise InputError(f"only SDF files hold several models: leave out model '{model}'", source=file.source)
+        raise InputError(
+            f"only SDF files hold several models: leave out model '{model}'",
+            source=file.source,
+        )
     return file
 
 
@@ -224,13 +275,17 @@ def _opened(robot: Any) -> RobotFile:
     text = os.fspath(robot)
     if isinstance(text, str) and text.lstrip().startswith("<"):
         return RobotFile.of(expanded(text.encode(), "text", None), "text")
-    if isinstance(text, str) and ("\n" in text.strip() or text.lstrip().startswith("{")):
+    if isinstance(text, str) and (
+        "\n" in text.strip() or text.lstrip().startswith("{")
+    ):
         return RobotFile(text.encode(), "text.yaml", is_description=True)
     file = Path(text)
     if file.suffix.lower() in _DESCRIPTIONS:  # neither a name nor xacro
         return RobotFile.of(read_content(file), str(file), file.parent)
     file = described_path(str(text)) or file
-    return RobotFile.of(expanded(read_content(file), str(file), file.parent), str(file), file.parent)
+    return RobotFile.of(
+        expanded(read_content(file), str(file), file.parent), str(file), file.parent
+    )
 
 
 @public

@@ -27,8 +27,14 @@ _MACROS = re.compile(rb"<xacro:|\$[{(]")
 _LEVELS = 6  # of folders above a xacro file around which packages are looked for; deeper ones are not seen
 _EQUALITIES = ("connect", "weld", "joint", "tendon")
 _JOINTS = ("free", "ball", "slide", "hinge")
-_CONSTRAINT_OFF, _EQUALITY_OFF, _GRAVITY_OFF = 1 << 0, 1 << 1, 1 << 7  # of mjtDisableBit
-_ONE_AXIS = re.compile(r"(R|P|RUB)[XYZ]|(Revolute|RevoluteUnbounded|Prismatic)Unaligned")
+_CONSTRAINT_OFF, _EQUALITY_OFF, _GRAVITY_OFF = (
+    1 << 0,
+    1 << 1,
+    1 << 7,
+)  # of mjtDisableBit
+_ONE_AXIS = re.compile(
+    r"(R|P|RUB)[XYZ]|(Revolute|RevoluteUnbounded|Prismatic)Unaligned"
+)
 _SITE, _WRAP_JOINT = 6, 1  # mjOBJ_SITE, mjWRAP_JOINT
 _SENSORS = {
     "mjSENS_FORCE": ("force", "site"),
@@ -61,19 +67,28 @@ def described_path(name: str) -> Path | None:
     with extra("robots"):
         from robot_descriptions._descriptions import DESCRIPTIONS
     if name not in DESCRIPTIONS:
-        raise InputError(f"the package robot_descriptions has no '{name}'{nearest(name, DESCRIPTIONS)}")
+        raise InputError(
+            f"the package robot_descriptions has no '{name}'{nearest(name, DESCRIPTIONS)}"
+        )
     try:
         with redirect_stdout(sys.stderr):  # it says what it fetches
             module = import_module(f"robot_descriptions.{name}")
     except Exception as error:  # whatever git and the network raise
-        raise InputError(f"robot_descriptions cannot fetch it: {error}", source=name) from None
-    paths = (getattr(module, attribute, None) for attribute in ("URDF_PATH", "MJCF_PATH", "XACRO_PATH"))
+        raise InputError(
+            f"robot_descriptions cannot fetch it: {error}", source=name
+        ) from None
+    paths = (
+        getattr(module, attribute, None)
+        for attribute in ("URDF_PATH", "MJCF_PATH", "XACRO_PATH")
+    )
     return Path(next(path for path in paths if path))
 
 
 def expanded(content: bytes, source: str, directory: Path | None) -> bytes:
     """The URDF that xacro source stands for, any other text as it is; packages are looked for around its directory."""
-    if not (_XACRO.search(content) and _MACROS.search(content)):  # that the namespace is declared says nothing
+    if not (
+        _XACRO.search(content) and _MACROS.search(content)
+    ):  # that the namespace is declared says nothing
         return content
     parse_xml(content, source)  # refuses what is damaged or harmful
     with extra("robots"):
@@ -86,11 +101,16 @@ def expanded(content: bytes, source: str, directory: Path | None) -> bytes:
             xacro.process_doc(document)
         else:
             packages.reset()  # it remembers where packages of other robots were
-            packages.look_in([str(folder) for folder in Path(source).absolute().parents[:3]])
+            packages.look_in(
+                [str(folder) for folder in Path(source).absolute().parents[:3]]
+            )
             packages.update_package_cache(_packages_around(Path(source)))
             document = xacro.process_file(source)
         return bytes(document.toxml().encode())
-    except (Exception, SystemExit) as error:  # whatever the expressions of a file stumble over
+    except (
+        Exception,
+        SystemExit,
+    ) as error:  # whatever the expressions of a file stumble over
         reason = str(error) or type(error).__name__
         problem = f"xacro cannot expand it: {reason}; expand it where its packages are: xacro robot.xacro > robot.urdf"
         raise InputError(problem, source=source) from None
@@ -134,21 +154,35 @@ def _mjcf(model: Any) -> Element:
     root = Element("mujoco", model=model.names.split(b"\0")[0].decode() or "robot")
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     weightless = model.opt.disableflags & _GRAVITY_OFF
-    SubElement(root, "option", gravity="0 0 0" if weightless else _row(model.opt.gravity))
+    SubElement(
+        root, "option", gravity="0 0 0" if weightless else _row(model.opt.gravity)
+    )
     elements = {0: SubElement(root, "worldbody")}
     for k in range(1, model.nbody):
         body = model.body(k)
-        placed = {"name": _name(model, "body", k), "pos": _row(body.pos), "quat": _row(body.quat)}
+        placed = {
+            "name": _name(model, "body", k),
+            "pos": _row(body.pos),
+            "quat": _row(body.quat),
+        }
         element = SubElement(elements[int(body.parentid[0])], "body", placed)
         elements[k] = element
         for j in range(int(body.jntadr[0]), int(body.jntadr[0]) + int(body.jntnum[0])):
             SubElement(element, "joint", _mjcf_joint(model, j))
         if body.mass[0] or body.inertia.any():
             inertia = {"mass": _row(body.mass), "diaginertia": _row(body.inertia)}
-            SubElement(element, "inertial", {"pos": _row(body.ipos), "quat": _row(body.iquat), **inertia})
+            SubElement(
+                element,
+                "inertial",
+                {"pos": _row(body.ipos), "quat": _row(body.iquat), **inertia},
+            )
     for k in range(model.nsite):
         site = model.site(k)
-        placed = {"name": _name(model, "site", k), "pos": _row(site.pos), "quat": _row(site.quat)}
+        placed = {
+            "name": _name(model, "site", k),
+            "pos": _row(site.pos),
+            "quat": _row(site.quat),
+        }
         SubElement(elements[int(site.bodyid[0])], "site", placed)
     tendons = SubElement(root, "tendon")
     for k in range(model.ntendon):
@@ -167,16 +201,25 @@ def _mjcf_joint(model: Any, k: int) -> dict[str, str]:
     found = {"name": _name(model, "joint", k), "type": kind}
     if kind != "free":
         found |= {"pos": _row(joint.pos), "frictionloss": _row(joint.frictionloss[:1])}
-        found |= {"armature": _row(joint.armature[:1]), "damping": _row(joint.damping[:1])}
+        found |= {
+            "armature": _row(joint.armature[:1]),
+            "damping": _row(joint.damping[:1]),
+        }
     if kind in ("slide", "hinge"):
-        found |= {"axis": _row(joint.axis), "stiffness": _row(joint.stiffness[:1]), "ref": _row(joint.qpos0)}
+        found |= {
+            "axis": _row(joint.axis),
+            "stiffness": _row(joint.stiffness[:1]),
+            "ref": _row(joint.qpos0),
+        }
         found |= {"range": _row(joint.range)} if model.jnt_limited[k] else {}
     return found
 
 
 def _add_fixed_tendon(tendons: Element, model: Any, k: int) -> None:
     """A tendon whose length is a sum of joints; others couple no joints."""
-    path = range(int(model.tendon_adr[k]), int(model.tendon_adr[k] + model.tendon_num[k]))
+    path = range(
+        int(model.tendon_adr[k]), int(model.tendon_adr[k] + model.tendon_num[k])
+    )
     if all(model.wrap_type[i] == _WRAP_JOINT for i in path):
         fixed = SubElement(tendons, "fixed", name=_name(model, "tendon", k))
         for i in path:
@@ -187,16 +230,28 @@ def _add_fixed_tendon(tendons: Element, model: Any, k: int) -> None:
 def _mjcf_equality(model: Any, k: int) -> tuple[str, dict[str, str]]:
     kind, data = int(model.eq_type[k]), model.eq_data[k]
     if kind >= len(_EQUALITIES):
-        raise InputError(f"of equality constraints only {', '.join(_EQUALITIES)} are supported")
+        raise InputError(
+            f"of equality constraints only {', '.join(_EQUALITIES)} are supported"
+        )
     tag = _EQUALITIES[kind]
-    of = tag if tag in ("joint", "tendon") else "site" if model.eq_objtype[k] == _SITE else "body"
+    of = (
+        tag
+        if tag in ("joint", "tendon")
+        else "site"
+        if model.eq_objtype[k] == _SITE
+        else "body"
+    )
     ends = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
-    found = {f"{of}{n}": _name(model, of, end) for n, end in enumerate(ends, 1) if end >= 0}
+    found = {
+        f"{of}{n}": _name(model, of, end) for n, end in enumerate(ends, 1) if end >= 0
+    }
     found |= {"name": name} if (name := model.equality(k).name) else {}
     found |= {"polycoef": _row(data[:5])} if of == tag else {}
     found |= {"anchor": _row(data[:3])} if of == "body" else {}
     found |= {"torquescale": _row(data[10])} if tag == "weld" else {}
-    return tag, found | ({"relpose": _row(data[3:10])} if tag == "weld" and of == "body" else {})
+    return tag, found | (
+        {"relpose": _row(data[3:10])} if tag == "weld" and of == "body" else {}
+    )
 
 
 def _mjcf_drives(root: Element, model: Any) -> None:
@@ -205,15 +260,29 @@ def _mjcf_drives(root: Element, model: Any) -> None:
         import mujoco
 
     actuators, sensors = SubElement(root, "actuator"), SubElement(root, "sensor")
-    driving = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    driving = np.isin(
+        model.actuator_trntype,
+        (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT),
+    )
     for k in np.flatnonzero(driving).tolist():
-        driven = {"joint": _name(model, "joint", int(model.actuator_trnid[k, 0])), "gear": _row(model.actuator_gear[k])}
-        SubElement(actuators, "general", {"name": _name(model, "actuator", k), **driven})
+        driven = {
+            "joint": _name(model, "joint", int(model.actuator_trnid[k, 0])),
+            "gear": _row(model.actuator_gear[k]),
+        }
+        SubElement(
+            actuators, "general", {"name": _name(model, "actuator", k), **driven}
+        )
     for k in range(model.nsensor):
-        tag, of = _SENSORS.get(mujoco.mjtSensor(int(model.sensor_type[k])).name, ("", ""))
+        tag, of = _SENSORS.get(
+            mujoco.mjtSensor(int(model.sensor_type[k])).name, ("", "")
+        )
         at, name = int(model.sensor_objid[k]), model.sensor(k).name
         if tag and (of != "actuator" or driving[at]):
-            SubElement(sensors, tag, {of: _name(model, of, at)} | ({"name": name} if name else {}))
+            SubElement(
+                sensors,
+                tag,
+                {of: _name(model, of, at)} | ({"name": name} if name else {}),
+            )
 
 
 def _name(model: Any, kind: str, k: int) -> str:
@@ -241,14 +310,26 @@ def _urdf(model: Any) -> Element:
             SubElement(inertial, "origin", xyz=_row(inertia.lever))
             SubElement(inertial, "mass", value=repr(float(inertia.mass)))
             upper = [(i, j) for i in range(3) for j in range(i, 3)]
-            moments = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(inertia.inertia[i, j])) for i, j in upper}
+            moments = {
+                f"i{'xyz'[i]}{'xyz'[j]}": repr(float(inertia.inertia[i, j]))
+                for i, j in upper
+            }
             SubElement(inertial, "inertia", moments)
         joint = SubElement(root, "joint", name=name)
         parent = model.parents[k]
-        SubElement(joint, "parent", link=f"{model.names[parent]}_link" if parent else "universe")
+        SubElement(
+            joint,
+            "parent",
+            link=f"{model.names[parent]}_link" if parent else "universe",
+        )
         SubElement(joint, "child", link=f"{name}_link")
         placed = model.jointPlacements[k]
-        SubElement(joint, "origin", xyz=_row(placed.translation), rpy=_row(roll_pitch_yaw(np.asarray(placed.rotation))))
+        SubElement(
+            joint,
+            "origin",
+            xyz=_row(placed.translation),
+            rpy=_row(roll_pitch_yaw(np.asarray(placed.rotation))),
+        )
         _urdf_motion(joint, model, k)
     return root
 
@@ -264,12 +345,27 @@ def _urdf_motion(joint: Element, model: Any, k: int) -> None:
         problem = f"joints of Pinocchio's type {kind} are not read: pass the URDF or MJCF file of the model"
         raise InputError(problem, element=f"joint '{model.names[k]}'")
     unbounded = "UB" in kind or "Unbounded" in kind
-    joint.set("type", "prismatic" if sliding else "continuous" if unbounded else "revolute")
+    joint.set(
+        "type", "prismatic" if sliding else "continuous" if unbounded else "revolute"
+    )
     subspace = np.ravel(about.createData().S)  # not all types state their axis
     SubElement(joint, "axis", xyz=_row(subspace[:3] if sliding else subspace[3:]))
-    drive = {"damping": model.damping, "friction": model.friction, "armature": model.armature}
-    SubElement(joint, "dynamics", {name: _row(values[v]) for name, values in drive.items() if values[v]})
+    drive = {
+        "damping": model.damping,
+        "friction": model.friction,
+        "armature": model.armature,
+    }
+    SubElement(
+        joint,
+        "dynamics",
+        {name: _row(values[v]) for name, values in drive.items() if values[v]},
+    )
     if not unbounded:
-        limits = {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
+        limits = {
+            "lower": model.lowerPositionLimit[q],
+            "upper": model.upperPositionLimit[q],
+        }
         limits |= {"effort": model.effortLimit[v], "velocity": model.velocityLimit[v]}
-        SubElement(joint, "limit", {name: _row(value) for name, value in limits.items()})
+        SubElement(
+            joint, "limit", {name: _row(value) for name, value in limits.items()}
+        )

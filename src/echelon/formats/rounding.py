@@ -39,24 +39,42 @@ def rounding_of_tree(tree: LiteralTree) -> float:
     placed = [step for step in steps if isinstance(step, LiteralPlacement)]
     lengths = [value for step in placed for value in step.xyz]
     turns = [value for step in placed for value in step.rpy]
-    turns += [value for step in steps if isinstance(step, LiteralMotion) for value in step.axis]
+    turns += [
+        value
+        for step in steps
+        if isinstance(step, LiteralMotion)
+        for value in step.axis
+    ]
     size = max((abs(float(value)) for value in lengths), default=0.0)
     return _coarsest(tree.placed or lengths, tree.turned or turns, size)
 
 
 def rounding_of_mechanism(mechanism: Mechanism) -> float:
     """The same of the numbers of a description, whose angles are symbols with exact values."""
-    placed = [step for body in mechanism.bodies for step in body.joint.steps if isinstance(step, Placement)]
+    placed = [
+        step
+        for body in mechanism.bodies
+        for step in body.joint.steps
+        if isinstance(step, Placement)
+    ]
     placed += [closure.first_frame for closure in mechanism.closures]
     numbers = [entry.number for placement in placed for entry in placement.translation]
-    lengths = [part for number in numbers if number is not None for part in parts_of(number)]
+    lengths = [
+        part for number in numbers if number is not None for part in parts_of(number)
+    ]
     exact = [symbol.number for symbol in mechanism.symbols.values()]
     turns = [parts_of(number)[0] for number in exact if number is not None]
     return _coarsest(lengths, turns, characteristic_length(mechanism))
 
 
-def _coarsest(lengths: Iterable[Rational], turns: Iterable[Rational], size: float) -> float:
-    general = [value for value in turns if abs(float(value) - nearest_step(float(value))) > _NEAR]
+def _coarsest(
+    lengths: Iterable[Rational], turns: Iterable[Rational], size: float
+) -> float:
+    general = [
+        value
+        for value in turns
+        if abs(float(value) - nearest_step(float(value))) > _NEAR
+    ]
     return max(_last_decimal(lengths) / (size or 1.0), _last_decimal(general))
 
 
@@ -65,15 +83,26 @@ def _last_decimal(numbers: Iterable[Rational]) -> float:
 
     0 if all are short, or on a grid.
     """
-    long = [value for number in numbers if _decimals(value := abs(Fraction(number))) >= _FEWEST]
+    long = [
+        value
+        for number in numbers
+        if _decimals(value := abs(Fraction(number))) >= _FEWEST
+    ]
     on_grid = not any(value % _GRID for value in long) and len(set(long)) >= _FEW
     if on_grid or not long:
         return 0.0
     decimals = [_decimals(value) for value in long]
-    digits = [len(str(int(value * 10**count))) for value, count in zip(long, decimals, strict=True)]
+    digits = [
+        len(str(int(value * 10**count)))
+        for value, count in zip(long, decimals, strict=True)
+    ]
     most_decimals, most_digits = _nearly_most(decimals), _nearly_most(digits)
-    if most_digits >= _FEWEST_DIGITS and digits.count(most_digits) > decimals.count(most_decimals):
-        return float(10.0 ** (len(str(int(max(long) * 10**_MOST))) - _MOST - most_digits))
+    if most_digits >= _FEWEST_DIGITS and digits.count(most_digits) > decimals.count(
+        most_decimals
+    ):
+        return float(
+            10.0 ** (len(str(int(max(long) * 10**_MOST))) - _MOST - most_digits)
+        )
     return float(10.0**-most_decimals)
 
 

@@ -23,7 +23,14 @@ from typing import TypeVar
 
 from echelon.choices import Measured
 from echelon.errors import InputError
-from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, decimal_text, parse, pi_generators
+from echelon.exact.expressions import (
+    PI,
+    STEPS_PER_HALF_TURN,
+    Angle,
+    decimal_text,
+    parse,
+    pi_generators,
+)
 from echelon.exact.polynomial import (
     Number,
     Polynomial,
@@ -34,7 +41,13 @@ from echelon.exact.polynomial import (
     parts_of,
     square_root,
 )
-from echelon.formats.literal import LiteralMotion, LiteralPlacement, StatedJoint, Triple, numeric_placements
+from echelon.formats.literal import (
+    LiteralMotion,
+    LiteralPlacement,
+    StatedJoint,
+    Triple,
+    numeric_placements,
+)
 from echelon.mechanism.joint import (
     Motion,
     MotionKind,
@@ -72,18 +85,24 @@ class ReadingOptions:
     # value, also of a description, becomes that number
     symbolic: bool = True
     floating: bool = False  # whether the root link floats
-    keep_fixed_links: bool = False  # keep links that are fixed to others as bodies of their own
+    keep_fixed_links: bool = (
+        False  # keep links that are fixed to others as bodies of their own
+    )
     independent_mimics: bool = False  # treat mimic joints as independent (as most programs do), instead of coupled
     massless: Sequence[str] = ()  # links that carry no parameters
     # ``"file"`` for what the file says (9.81 m/s² along −z if it is silent), ``"generic"`` for an unknown direction,
     # None for none, or three numbers or expressions
     gravity: Gravity = "file"
-    separate_symbols: bool = False  # give every number a symbol of its own, also where magnitudes are equal
+    separate_symbols: bool = (
+        False  # give every number a symbol of its own, also where magnitudes are equal
+    )
     # fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents
     separate: tuple[str, ...] = ()
     # whether the forces of all drives are measured, or what the sensors of the file measure
     measured: Measured = "drives"
-    joints: tuple[StatedJoint, ...] = ()  # joints that are of other types than the file says
+    joints: tuple[
+        StatedJoint, ...
+    ] = ()  # joints that are of other types than the file says
     looped: bool = False  # whether there are loops
     # give drives the usual effects where the file lists none
     usual_effects: bool = False
@@ -94,7 +113,9 @@ class ReadingOptions:
 
     def __post_init__(self) -> None:
         if not 0 <= self.snap_tolerance <= 0.1:
-            raise InputError(f"the snapping tolerance must be between 0 and 0.1 rad, not {self.snap_tolerance}")
+            raise InputError(
+                f"the snapping tolerance must be between 0 and 0.1 rad, not {self.snap_tolerance}"
+            )
         if self.measured not in ("drives", "file"):
             raise InputError(f"measured is 'drives' or 'file', not '{self.measured}'")
 
@@ -106,10 +127,16 @@ def gravity_vector(gravity: Gravity, stated: Vector | None = None) -> Vector | N
     if gravity == "file":
         return stated if any(stated or ()) else None
     if gravity == "generic":
-        return (Polynomial.generator("gx"), Polynomial.generator("gy"), Polynomial.generator("gz"))
+        return (
+            Polynomial.generator("gx"),
+            Polynomial.generator("gy"),
+            Polynomial.generator("gz"),
+        )
     parts = gravity.split(",") if isinstance(gravity, str) else list(gravity)
     if len(parts) != 3:
-        raise InputError("gravity is three numbers or expressions, 'generic', 'none' or 'file'")
+        raise InputError(
+            "gravity is three numbers or expressions, 'generic', 'none' or 'file'"
+        )
     try:
         x, y, z = (_component(str(part).strip()) for part in parts)
     except ValueError as error:
@@ -126,7 +153,9 @@ def _component(text: str) -> Polynomial:
     return value
 
 
-LARGEST = 10**100  # of lengths, masses and the like: mass times a distance squared is still far within double precision
+LARGEST = (
+    10**100
+)  # of lengths, masses and the like: mass times a distance squared is still far within double precision
 
 SMALLEST = Fraction(1, LARGEST)  # of what is not zero
 
@@ -150,15 +179,23 @@ def tiny_notes(places: Sequence[str]) -> list[str]:
     """That tiny numbers at some places of a file are read as zero."""
     count, shown = len(places), ", ".join(places[:_SHOWN])
     more = f" and {count - _SHOWN} others" * (count > _SHOWN)
-    return [f"read as zero, since no robot has numbers below 1e-100: {shown}{more}"] if places else []
+    return (
+        [f"read as zero, since no robot has numbers below 1e-100: {shown}{more}"]
+        if places
+        else []
+    )
 
 
 def checked_size(value: AnyNumber, shown: str) -> AnyNumber:
     """A number that is neither too large nor, unless it is zero, too small."""
     if not all(-LARGEST <= part <= LARGEST for part in parts_of(value)):
-        raise ValueError(f"'{shown}' is too large a number: robots have lengths and masses up to 1e100, in SI units")
+        raise ValueError(
+            f"'{shown}' is too large a number: robots have lengths and masses up to 1e100, in SI units"
+        )
     if any(is_tiny(part) for part in parts_of(value)):
-        raise ValueError(f"'{shown}' is too small a number to compute with: write 0, or use SI units")
+        raise ValueError(
+            f"'{shown}' is too small a number to compute with: write 0, or use SI units"
+        )
     return value
 
 
@@ -172,7 +209,10 @@ _EXACT = 1e-15
 _FEW = 6  # digits of quaternions and angles in many files, of which other angles are computed
 _ROUNDED_TWICE = 2  # components of a direction, which its angles have the rounding of
 _WRITTEN = 15  # decimals that a number has at most which nobody computed
-_DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double is from it, of the largest length
+_DIGITS, _DOUBLE = (
+    12,
+    1e-15,
+)  # digits of a short decimal, and how far a double is from it, of the largest length
 
 
 @dataclass
@@ -198,28 +238,42 @@ class Snapping:
 
     def placement(self, literal: LiteralPlacement, label: str) -> Placement:
         """A literal placement with exact rotation; translations stay numbers until :meth:`name_lengths`."""
-        x, y, z = (as_polynomial(self._without_digits(v, literal.element)) for v in literal.xyz)
+        x, y, z = (
+            as_polynomial(self._without_digits(v, literal.element)) for v in literal.xyz
+        )
         placed = shift(x, y, z) @ self.rotation(literal.rpy, literal.element, label)
         return placed.inverse() if literal.inverse else placed
 
     def rotation(self, angles: Triple, element: str, label: str) -> Placement:
         """A rotation by roll, pitch and yaw."""
-        placed, general = Placement(), self.options.looped and self._is_general(angles, element)
+        placed, general = (
+            Placement(),
+            self.options.looped and self._is_general(angles, element),
+        )
         for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
             value = angles[axis]
             if value:  # in a loop a frame of a general orientation is near a multiple of 15° by chance
-                chance = general and abs(value - nearest_step(float(value))) > _written(value)
+                chance = general and abs(value - nearest_step(float(value))) > _written(
+                    value
+                )
                 read = self.named_angle if chance else self.angle
-                placed = placed @ turn(axis, read(value, f"{element} {word}", f"{word}{label}"))
+                placed = placed @ turn(
+                    axis, read(value, f"{element} {word}", f"{word}{label}")
+                )
         return placed
 
     def _is_general(self, angles: Iterable[Rational | float], element: str) -> bool:
         """Whether an angle is no multiple of 15°."""
-        return any(abs(float(a) - nearest_step(float(a))) > self.angle_tolerance(element) for a in angles)
+        return any(
+            abs(float(a) - nearest_step(float(a))) > self.angle_tolerance(element)
+            for a in angles
+        )
 
     def placements(self, literal: Iterable[LiteralPlacement], label: str) -> Placement:
         """Several of them, one after the other."""
-        return reduce(matmul, (self.placement(step, label) for step in literal), Placement())
+        return reduce(
+            matmul, (self.placement(step, label) for step in literal), Placement()
+        )
 
     def _without_digits(self, value: Rational, element: str) -> Rational:
         """A length without the last digits of a double: 0.175 for 0.1749…933.
@@ -233,19 +287,30 @@ class Snapping:
         short = round(Fraction(value), digits)
         if abs(float(short - value)) <= _DOUBLE * self.scale:
             return short
-        return round(Fraction(value), digits + 2) if Fraction(value).denominator > 10**_WRITTEN else value
+        return (
+            round(Fraction(value), digits + 2)
+            if Fraction(value).denominator > 10**_WRITTEN
+            else value
+        )
 
-    def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
+    def name_lengths(
+        self, steps: tuple[Step, ...], label: str, element: str
+    ) -> tuple[Step, ...]:
         """The steps with tiny translations dropped and the others, if so wished, given symbols."""
 
         def named(value: Polynomial, axis: str) -> Polynomial:
             return self._length(value, f"p{axis}{label}", f"{element} {axis}")
 
-        return tuple(_translated(step, named) if isinstance(step, Placement) else step for step in steps)
+        return tuple(
+            _translated(step, named) if isinstance(step, Placement) else step
+            for step in steps
+        )
 
     def without_noise(self, placement: Placement, element: str) -> Placement:
         """A placement with tiny translations dropped and the others left as numbers."""
-        return _translated(placement, lambda value, axis: self._rounded(value, f"{element} {axis}"))
+        return _translated(
+            placement, lambda value, axis: self._rounded(value, f"{element} {axis}")
+        )
 
     def _rounded(self, value: Polynomial, element: str) -> Polynomial:
         size = abs(self.numeric(value)) if value else 0.0
@@ -260,11 +325,21 @@ class Snapping:
             return value
         size = abs(self.numeric(value))
         sign = 1 if self.numeric(value) > 0 else -1
-        known = None if self.options.separate_symbols else self._same_length(sign * value, size, element)
+        known = (
+            None
+            if self.options.separate_symbols
+            else self._same_length(sign * value, size, element)
+        )
         if known is None:
             number = (sign * value).number
-            exact, stands_for = (decimal_text(number), None) if number is not None else (None, sign * value)
-            known = self._new_symbol(name, Symbol(name, size, exact, element, stands_for))
+            exact, stands_for = (
+                (decimal_text(number), None)
+                if number is not None
+                else (None, sign * value)
+            )
+            known = self._new_symbol(
+                name, Symbol(name, size, exact, element, stands_for)
+            )
             self._lengths[sign * value] = known
         return sign * Polynomial.generator(known)
 
@@ -276,13 +351,22 @@ class Snapping:
         for symbol in self._lengths.values():
             known = self.symbols[symbol].value or 0.0
             if abs(known - size) <= tolerance:
-                self.snaps.append(Snap(element, f"{size:.9g}", f"{symbol} = {known:.9g}", abs(known - size)))
+                self.snaps.append(
+                    Snap(
+                        element,
+                        f"{size:.9g}",
+                        f"{symbol} = {known:.9g}",
+                        abs(known - size),
+                    )
+                )
                 return symbol
         return None
 
     def _pitch(self, value: Polynomial, name: str, element: str) -> Polynomial:
         """The pitch of a screw: a symbol where lengths have names, or where it has π in it."""
-        if value.number is not None and (not value or not self.options.symbolic or self.options.looped):
+        if value.number is not None and (
+            not value or not self.options.symbolic or self.options.looped
+        ):
             return value
         size = value.evaluate(pi_generators(pi), float)
         sign = 1 if size > 0 else -1
@@ -303,24 +387,44 @@ class Snapping:
 
     # -- angles ----------------------------------------------------------------------------------------------------
 
-    def angle(self, value: Rational | float, element: str, name: str, square: Fraction | None = None) -> Angle:
+    def angle(
+        self,
+        value: Rational | float,
+        element: str,
+        name: str,
+        square: Fraction | None = None,
+    ) -> Angle:
         """A number of radians as an exact angle: a multiple of 15°, or a multiple of 90° and a symbol."""
         number = self.angle_value(value, element)
         steps = round(number / _STEP)
         difference = abs(number - steps * _STEP)
-        if difference <= max(self.angle_tolerance(element), _EXACT * max(1.0, abs(number))):
+        if difference <= max(
+            self.angle_tolerance(element), _EXACT * max(1.0, abs(number))
+        ):
             if difference > _EXACT * max(1.0, abs(number)):
-                self.snaps.append(Snap(element, _decimal(value), f"{steps * 15}°", difference))
+                self.snaps.append(
+                    Snap(element, _decimal(value), f"{steps * 15}°", difference)
+                )
             return Angle(Fraction(steps, STEPS_PER_HALF_TURN))
         return self.named_angle(value, element, name, square)
 
-    def computed_angle(self, value: float, element: str, name: str, square: Fraction | None = None) -> Angle:
+    def computed_angle(
+        self, value: float, element: str, name: str, square: Fraction | None = None
+    ) -> Angle:
         """An angle that was computed; in loops it is near a multiple of 15° by chance unless it is very near."""
         chance = self.options.looped and abs(value - nearest_step(value)) > 10.0**-_FEW
-        return self.named_angle(value, element, name, square) if chance else self.angle(value, element, name, square)
+        return (
+            self.named_angle(value, element, name, square)
+            if chance
+            else self.angle(value, element, name, square)
+        )
 
     def named_angle(
-        self, value: Rational | float | Angle, element: str, name: str, square: Fraction | None = None
+        self,
+        value: Rational | float | Angle,
+        element: str,
+        name: str,
+        square: Fraction | None = None,
     ) -> Angle:
         """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is.
 
@@ -335,7 +439,9 @@ class Snapping:
         sign = 1 if rest > 0 else -1
         text = None if exact is None else _rest_text(exact, quarters, sign)
         arc = square if square is None or not quarters % 2 else 1 / square
-        symbol = self._angle_symbol(Symbol(name, abs(rest), text, element, tangent_squared=arc))
+        symbol = self._angle_symbol(
+            Symbol(name, abs(rest), text, element, tangent_squared=arc)
+        )
         if isinstance(value, Angle):
             self.exact.add(symbol)
         return Angle(Fraction(quarters, 2), ((symbol, sign),))
@@ -352,13 +458,20 @@ class Snapping:
 
     def angle_tolerance(self, element: str) -> float:
         """Largest difference, rad, at which an angle is read as a multiple of 15°."""
-        return min(PRECISION, self.options.snap_tolerance) if element in self.literal else self.options.snap_tolerance
+        return (
+            min(PRECISION, self.options.snap_tolerance)
+            if element in self.literal
+            else self.options.snap_tolerance
+        )
 
     def _angle_symbol(self, wanted: Symbol) -> str:
         size = wanted.value or 0.0
         for known, symbol in self._angles:
             # a number that is read once more is the same number
-            apart = self.options.separate_symbols and self.symbols[symbol].meaning != wanted.meaning
+            apart = (
+                self.options.separate_symbols
+                and self.symbols[symbol].meaning != wanted.meaning
+            )
             if abs(known - size) <= _SAME and not apart:
                 return symbol
         symbol = self._new_symbol(wanted.name, wanted)
@@ -379,7 +492,9 @@ class Snapping:
             mounting, motions = mounting @ flip, planar_motions(literal.name, axis)
         else:
             assert isinstance(literal.kind, MotionKind)
-            pitch = self._pitch(literal.pitch, f"pitch{label}", f"{literal.element} pitch")
+            pitch = self._pitch(
+                literal.pitch, f"pitch{label}", f"{literal.element} pitch"
+            )
             motions = (Motion(literal.kind, literal.name, axis, sign, pitch),)
         return (mounting, *motions, mounting.inverse())
 
@@ -398,7 +513,9 @@ class Snapping:
         mounting, axis, sign = self.direction(direction, element, label)
         return self.placements(turns, label) @ mounting, axis, sign
 
-    def _axis_frame(self, literal: LiteralMotion, element: str) -> tuple[tuple[LiteralPlacement, ...], Triple]:
+    def _axis_frame(
+        self, literal: LiteralMotion, element: str
+    ) -> tuple[tuple[LiteralPlacement, ...], Triple]:
         """Turns to the frame in which an axis is simplest, and the axis there.
 
         What is along a coordinate axis of the joint's frame is not seen to be so in another frame, where all of its
@@ -407,10 +524,16 @@ class Snapping:
         turns, axis = literal.turns, literal.axis
         frames = [(turns, axis)]
         for count in range(len(turns)):
-            x, y, z = numeric_placements(turns[count:])[:3, :3] @ [float(v) for v in axis]
-            frames.append((turns[:count], (_shortened(x), _shortened(y), _shortened(z))))
+            x, y, z = numeric_placements(turns[count:])[:3, :3] @ [
+                float(v) for v in axis
+            ]
+            frames.append(
+                (turns[:count], (_shortened(x), _shortened(y), _shortened(z)))
+            )
         rounding = _ROUNDED_TWICE * max(map(_written, axis)) / hypot(*axis)
-        return max(frames, key=lambda frame: self._simplicity(frame[1], element, rounding))  # the first of equals
+        return max(
+            frames, key=lambda frame: self._simplicity(frame[1], element, rounding)
+        )  # the first of equals
 
     def _simplicity(self, direction: Triple, element: str, rounding: float) -> int:
         """3 for a coordinate axis, 2 for azimuth and inclination at multiples of 15°, 1 for one of them, 0 for none.
@@ -421,12 +544,17 @@ class Snapping:
         tolerance = max(self.angle_tolerance(element), _EXACT)
         if min(hypot(y, z), hypot(x, z), hypot(x, y)) <= tolerance * hypot(x, y, z):
             return 3
-        off = [abs(angle - nearest_step(angle)) for angle in (atan2(y, x), atan2(hypot(x, y), z))]
+        off = [
+            abs(angle - nearest_step(angle))
+            for angle in (atan2(y, x), atan2(hypot(x, y), z))
+        ]
         if max(off) <= tolerance:
             return 2
         return 1 if min(off) <= min(tolerance, rounding) else 0
 
-    def direction(self, direction: Triple, element: str, label: str) -> tuple[Placement, int, int]:
+    def direction(
+        self, direction: Triple, element: str, label: str
+    ) -> tuple[Placement, int, int]:
         """A placement, a coordinate axis of it, and a sign, that together give a direction of any length."""
         x, y, z = (float(v) for v in direction)
         for axis, component in enumerate((x, y, z)):
@@ -444,9 +572,14 @@ class Snapping:
                 return _turned_to(direction)
         read = self.computed_angle if general else self.angle
         squares = [Fraction(v) ** 2 for v in direction]
-        arcs = _ratio(squares[1], squares[0]), _ratio(squares[0] + squares[1], squares[2])
+        arcs = (
+            _ratio(squares[1], squares[0]),
+            _ratio(squares[0] + squares[1], squares[2]),
+        )
         azimuth = read(angles[0], f"{element} azimuth", f"azimuth{label}", arcs[0])
-        elevation = read(angles[1], f"{element} inclination", f"inclination{label}", arcs[1])
+        elevation = read(
+            angles[1], f"{element} inclination", f"inclination{label}", arcs[1]
+        )
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
 
     # -- symbols -------------------------------------------------------------------------------------------------------
@@ -454,7 +587,11 @@ class Snapping:
     @property
     def known(self) -> dict[str, float]:
         """Values of the symbols that have one."""
-        return {name: symbol.value for name, symbol in self.symbols.items() if symbol.value is not None}
+        return {
+            name: symbol.value
+            for name, symbol in self.symbols.items()
+            if symbol.value is not None
+        }
 
     def numeric(self, value: Polynomial) -> float:
         """Numeric value of an expression in angle symbols."""
@@ -464,7 +601,9 @@ class Snapping:
         """Take back symbols that nothing uses."""
         for name in names:
             del self.symbols[name]
-        self._angles = [(size, name) for size, name in self._angles if name in self.symbols]
+        self._angles = [
+            (size, name) for size, name in self._angles if name in self.symbols
+        ]
 
     def _new_symbol(self, name: str, symbol: Symbol) -> str:
         unique, suffix = name, "b"
@@ -476,12 +615,21 @@ class Snapping:
 
 def _aimed(mounting: Placement, axis: int, sign: int) -> Placement:
     """A frame whose z axis lies along a coordinate axis of a placement, or against it."""
-    return mounting @ TO_AXIS[axis] @ (turn(0, Angle(Fraction(1))) if sign < 0 else Placement())
+    return (
+        mounting
+        @ TO_AXIS[axis]
+        @ (turn(0, Angle(Fraction(1))) if sign < 0 else Placement())
+    )
 
 
-def _translated(placement: Placement, read: Callable[[Polynomial, str], Polynomial]) -> Placement:
+def _translated(
+    placement: Placement, read: Callable[[Polynomial, str], Polynomial]
+) -> Placement:
     """A placement with other components of its translation."""
-    x, y, z = (read(value, axis) for axis, value in zip("xyz", placement.translation, strict=True))
+    x, y, z = (
+        read(value, axis)
+        for axis, value in zip("xyz", placement.translation, strict=True)
+    )
     return Placement(placement.rotation, (x, y, z))
 
 
@@ -512,8 +660,16 @@ def _turned_to(direction: Triple) -> tuple[Placement, int, int]:
     size = square_root(sum(Fraction(v) ** 2 for v in direction))
     x, y, z = (v * inverse(size) for v in direction)
     back = inverse(1 + z)
-    rows = [[1 - x * x * back, -x * y * back, x], [-x * y * back, 1 - y * y * back, y], [-x, -y, z]]
-    return Placement(as_matrix([[as_polynomial(entry) for entry in row] for row in rows])), 2, 1
+    rows = [
+        [1 - x * x * back, -x * y * back, x],
+        [-x * y * back, 1 - y * y * back, y],
+        [-x, -y, z],
+    ]
+    return (
+        Placement(as_matrix([[as_polynomial(entry) for entry in row] for row in rows])),
+        2,
+        1,
+    )
 
 
 def _rest_text(angle: Angle, quarters: int, sign: int) -> str:

@@ -35,7 +35,9 @@ class StatedLimits:
     velocity: float | None = None  # largest speed, rad/s or m/s
     acceleration: float | None = None  # largest acceleration, rad/s² or m/s²
     jerk: float | None = None  # largest jerk, rad/s³ or m/s³
-    effort: float | None = None  # largest torque or force that acts on the joint in both directions, N·m or N
+    effort: float | None = (
+        None  # largest torque or force that acts on the joint in both directions, N·m or N
+    )
     notes: tuple[str, ...] = ()  # what stands in the file and was not taken for a limit
 
 
@@ -55,8 +57,14 @@ def stated_limits(file: RobotFile, mechanism: Mechanism) -> dict[str, StatedLimi
     if robot.root.tag == "mujoco":
         found = _of_mjcf(robot)
     else:
-        joints = [joint for joint in robot.root.findall("joint") if joint.get("type") in SINGLE_AXIS]
-        found = {str(joint.get("name")): _of_joint(joint, robot.source) for joint in joints}
+        joints = [
+            joint
+            for joint in robot.root.findall("joint")
+            if joint.get("type") in SINGLE_AXIS
+        ]
+        found = {
+            str(joint.get("name")): _of_joint(joint, robot.source) for joint in joints
+        }
     offsets = _offsets(robot, mechanism)
     names = [motion.name for motion in mechanism.motions if len(motion.velocities) == 1]
     said: dict[str, StatedLimits] = {}
@@ -74,8 +82,14 @@ def _offsets(robot: RobotFile, mechanism: Mechanism) -> dict[str, float]:
     """The constant parts of couplings: a file counts them as part of a joint's position, a mechanism does not."""
     if not mechanism.dependent:
         return {}
-    couplings = resolved(robot.tree().couplings, lambda element, problem: InputError(problem, element=element))
-    return {name: coupling.offset.evaluate({}, float) for name, coupling in couplings.items()}
+    couplings = resolved(
+        robot.tree().couplings,
+        lambda element, problem: InputError(problem, element=element),
+    )
+    return {
+        name: coupling.offset.evaluate({}, float)
+        for name, coupling in couplings.items()
+    }
 
 
 # -- URDF -------------------------------------------------------------------------------------------------------------
@@ -83,9 +97,15 @@ def _offsets(robot: RobotFile, mechanism: Mechanism) -> dict[str, float]:
 
 def _of_joint(joint: Any, source: str) -> StatedLimits:
     where = f"joint '{joint.get('name')}'"
-    stated = _numbers(joint.find("limit"), (*_ENDS, *_LARGEST), source, f"{where} limit")
-    soft = _numbers(joint.find("safety_controller"), _SOFT, source, f"{where} safety_controller")
-    unknown = [f"{key} {stated[key]:g}" for key in _LARGEST if stated.get(key, 1.0) <= 0]
+    stated = _numbers(
+        joint.find("limit"), (*_ENDS, *_LARGEST), source, f"{where} limit"
+    )
+    soft = _numbers(
+        joint.find("safety_controller"), _SOFT, source, f"{where} safety_controller"
+    )
+    unknown = [
+        f"{key} {stated[key]:g}" for key in _LARGEST if stated.get(key, 1.0) <= 0
+    ]
     if len(soft) == len(_SOFT) and not any(soft.values()):
         unknown, soft = [*unknown, "soft limits 0"], {}
     notes = [f"{where}: {value} counts as not stated" for value in unknown]
@@ -93,19 +113,33 @@ def _of_joint(joint: Any, source: str) -> StatedLimits:
     if joint.get("type") != "continuous":
         position = _range_of_joint(stated, soft, source, where)
         if stated and position is None and not any(key in stated for key in _ENDS):
-            notes.append(f"{where}: it states neither lower nor upper, and counts as free rather than as stuck at 0")
+            notes.append(
+                f"{where}: it states neither lower nor upper, and counts as free rather than as stuck at 0"
+            )
 
     def least(*keys: str) -> float | None:
-        return min((stated[key] for key in keys if 0 < stated.get(key, 0.0) < math.inf), default=None)
+        return min(
+            (stated[key] for key in keys if 0 < stated.get(key, 0.0) < math.inf),
+            default=None,
+        )
 
     return StatedLimits(
-        position, least("velocity"), least("acceleration", "deceleration"), least("jerk"), least("effort"), tuple(notes)
+        position,
+        least("velocity"),
+        least("acceleration", "deceleration"),
+        least("jerk"),
+        least("effort"),
+        tuple(notes),
     )
 
 
-def _range_of_joint(stated: Mapping[str, float], soft: Mapping[str, float], source: str, where: str) -> Interval | None:
+def _range_of_joint(
+    stated: Mapping[str, float], soft: Mapping[str, float], source: str, where: str
+) -> Interval | None:
     low, high = _FREE
-    if "lower" in stated or "upper" in stated:  # the format says that either is 0 where it is absent
+    if (
+        "lower" in stated or "upper" in stated
+    ):  # the format says that either is 0 where it is absent
         low, high = stated.get("lower", 0.0), stated.get("upper", 0.0)
     low, high = max(low, soft.get(_SOFT[0], low)), min(high, soft.get(_SOFT[1], high))
     if low > high:
@@ -114,7 +148,9 @@ def _range_of_joint(stated: Mapping[str, float], soft: Mapping[str, float], sour
     return None if (low, high) == _FREE else (low, high)
 
 
-def _numbers(element: Any, keys: Sequence[str], source: str, where: str) -> dict[str, float]:
+def _numbers(
+    element: Any, keys: Sequence[str], source: str, where: str
+) -> dict[str, float]:
     """The attributes that are there; infinite where a file says so, which some do instead of saying nothing."""
     found: dict[str, float] = {}
     for key in keys:
@@ -126,7 +162,11 @@ def _numbers(element: Any, keys: Sequence[str], source: str, where: str) -> dict
         except ValueError:
             found[key] = math.nan
         if math.isnan(found[key]):
-            raise InputError(f"needs a number, found '{text}'", source=source, element=f"{where} {key}")
+            raise InputError(
+                f"needs a number, found '{text}'",
+                source=source,
+                element=f"{where} {key}",
+            )
     return found
 
 
@@ -148,17 +188,30 @@ def _of_mjcf(robot: RobotFile) -> dict[str, StatedLimits]:
         if int(model.jnt_type[index]) not in single:
             continue
         name = str(model.joint(index).name)
-        low, high = (float(end) for end in model.jnt_range[index]) if model.jnt_limited[index] else _FREE
+        low, high = (
+            (float(end) for end in model.jnt_range[index])
+            if model.jnt_limited[index]
+            else _FREE
+        )
         if math.isnan(low) or math.isnan(high):
-            raise InputError("needs a range of two numbers", source=robot.source, element=f"joint '{name}' range")
+            raise InputError(
+                "needs a range of two numbers",
+                source=robot.source,
+                element=f"joint '{name}' range",
+            )
         force = forces.get(name, _FREE)
         if model.jnt_actfrclimited[index]:
-            force = _clamped(force, [float(end) for end in model.jnt_actfrcrange[index]])
+            force = _clamped(
+                force, [float(end) for end in model.jnt_actfrcrange[index]]
+            )
         effort = min(-force[0], force[1])
         found[name] = StatedLimits(
             None if (low, high) == _FREE else (low, high),
             effort=effort if 0 < effort < math.inf else None,
-            notes=(f"joint '{name}': its actuators push one way only, so they limit no effort here",) * (effort <= 0),
+            notes=(
+                f"joint '{name}': its actuators push one way only, so they limit no effort here",
+            )
+            * (effort <= 0),
         )
     return found
 
@@ -171,7 +224,10 @@ def _actuator_forces(spec: Any) -> dict[str, Interval]:
     for actuator in spec.actuators:
         gear = float(actuator.gear[0])
         if gear and drives_joint(actuator):
-            low, high = sorted(gear * end for end in _actuator_force(actuator, spec.compiler.autolimits))
+            low, high = sorted(
+                gear * end
+                for end in _actuator_force(actuator, spec.compiler.autolimits)
+            )
             before = found.get(str(actuator.target), (0.0, 0.0))
             found[str(actuator.target)] = (before[0] + low, before[1] + high)
     return found
@@ -186,11 +242,16 @@ def _actuator_force(actuator: Any, automatic: bool) -> Interval:
 
     def limited(flag: int, ends: Sequence[float]) -> bool:
         stated = automatic and any(ends)
-        return bool(flag == mujoco.mjtLimited.mjLIMITED_TRUE or (flag == mujoco.mjtLimited.mjLIMITED_AUTO and stated))
+        return bool(
+            flag == mujoco.mjtLimited.mjLIMITED_TRUE
+            or (flag == mujoco.mjtLimited.mjLIMITED_AUTO and stated)
+        )
 
     force = _FREE
     if is_motor(actuator) and limited(actuator.ctrllimited, actuator.ctrlrange):
-        low, high = sorted(float(actuator.gainprm[0]) * float(end) for end in actuator.ctrlrange)
+        low, high = sorted(
+            float(actuator.gainprm[0]) * float(end) for end in actuator.ctrlrange
+        )
         force = (low, high)
     if limited(actuator.forcelimited, actuator.forcerange):
         force = _clamped(force, [float(end) for end in actuator.forcerange])

@@ -35,14 +35,21 @@ def looks_like_degrees(angle: Rational) -> bool:
     return is_round or abs(number - nearest_step(number)) > ANGLE_TOLERANCE
 
 
-def unit_questions(mechanism: Mechanism, angles: Mapping[str, Rational], *, in_world: bool) -> Iterator[str]:
+def unit_questions(
+    mechanism: Mechanism, angles: Mapping[str, Rational], *, in_world: bool
+) -> Iterator[str]:
     """Questions about stated angles by element, rad, and about offsets between joints.
 
     Where the base of a robot stands in a world, ``in_world``, is not asked about.
     """
-    odd = {element: angle for element, angle in angles.items() if looks_like_degrees(angle)}
+    odd = {
+        element: angle for element, angle in angles.items() if looks_like_degrees(angle)
+    }
     if odd:
-        named = [f"{element}: {float(angle):.9g}" for element, angle in list(odd.items())[:_MOST_NAMED]]
+        named = [
+            f"{element}: {float(angle):.9g}"
+            for element, angle in list(odd.items())[:_MOST_NAMED]
+        ]
         more = f" and {len(odd) - _MOST_NAMED} more" if len(odd) > _MOST_NAMED else ""
         first = next(iter(odd.values()))
         yield (
@@ -50,7 +57,10 @@ def unit_questions(mechanism: Mechanism, angles: Mapping[str, Rational], *, in_w
             f"write {_in_radians(first)} for {float(first):.9g}"
         )
     known = known_values(mechanism)
-    sizes = {body.joint.name: _offset(body, known, in_world=in_world) for body in mechanism.bodies}
+    sizes = {
+        body.joint.name: _offset(body, known, in_world=in_world)
+        for body in mechanism.bodies
+    }
     largest = max(sizes, key=lambda name: sizes[name], default="")
     if largest and sizes[largest] >= _HUNDREDS:
         size = sizes[largest]
@@ -61,9 +71,13 @@ def _offset(body: Body, known: Mapping[str, float], *, in_world: bool) -> float:
     """The largest component of a translation of a joint, m."""
     steps = body.joint.steps
     if in_world and body.parent == GROUND:
-        first = next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps))
+        first = next(
+            (k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps)
+        )
         steps = steps[first:]
-    return largest_offset([step for step in steps if isinstance(step, Placement)], known)
+    return largest_offset(
+        [step for step in steps if isinstance(step, Placement)], known
+    )
 
 
 def _in_radians(degrees: Rational) -> str:

@@ -34,17 +34,41 @@ def with_usual_effects(mechanism: Mechanism, stated: DriveNumbers) -> Mechanism:
         for name, side in places:
             if kind in EVERYWHERE or kind in stated.get(name, {}):
                 found += _made(mechanism, kind, name, side, stated)
-    own = {effect.parameter for effect in mechanism.effects}, {effect.actions for effect in mechanism.effects}
-    found = [effect for effect in found if effect.parameter not in own[0] and effect.actions not in own[1]]
+    own = (
+        {effect.parameter for effect in mechanism.effects},
+        {effect.actions for effect in mechanism.effects},
+    )
+    found = [
+        effect
+        for effect in found
+        if effect.parameter not in own[0] and effect.actions not in own[1]
+    ]
     return _with(mechanism, (*found, *mechanism.effects))
 
 
-def with_rotors(mechanism: Mechanism, drives: Collection[str] | None = None) -> Mechanism:
+def with_rotors(
+    mechanism: Mechanism, drives: Collection[str] | None = None
+) -> Mechanism:
     """The mechanism with the inertia of rotors in some drives as well, or in all that have none."""
-    rotors = {action.at for effect in mechanism.effects for action in effect.actions if action.term == _ROTOR}
-    chosen = drives if drives is not None else {name for name, _ in _measured_places(mechanism)} - rotors
-    places = [(name, side) for name, side in _measured_places(mechanism) if name in chosen]
-    found = [effect for place in places for effect in _made(mechanism, "rotor_inertia", *place, {})]
+    rotors = {
+        action.at
+        for effect in mechanism.effects
+        for action in effect.actions
+        if action.term == _ROTOR
+    }
+    chosen = (
+        drives
+        if drives is not None
+        else {name for name, _ in _measured_places(mechanism)} - rotors
+    )
+    places = [
+        (name, side) for name, side in _measured_places(mechanism) if name in chosen
+    ]
+    found = [
+        effect
+        for place in places
+        for effect in _made(mechanism, "rotor_inertia", *place, {})
+    ]
     return _with(mechanism, (*mechanism.effects, *found))
 
 
@@ -66,12 +90,23 @@ def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
 
 def floating_velocities(mechanism: Mechanism) -> frozenset[str]:
     """Velocities of floating bases, which nothing drives and nothing rubs."""
-    floating = [body.joint for body in mechanism.bodies if body.joint.kind == "floating"]
-    return frozenset(name for joint in floating for motion in joint.motions for name in motion.velocities)
+    floating = [
+        body.joint for body in mechanism.bodies if body.joint.kind == "floating"
+    ]
+    return frozenset(
+        name
+        for joint in floating
+        for motion in joint.motions
+        for name in motion.velocities
+    )
 
 
-def _made(mechanism: Mechanism, kind: str, name: str, side: Side, stated: DriveNumbers) -> tuple[Effect, ...]:
-    made = ready_made(kind, name, side, effect_label(mechanism, name), sliding=slides(mechanism, name))
+def _made(
+    mechanism: Mechanism, kind: str, name: str, side: Side, stated: DriveNumbers
+) -> tuple[Effect, ...]:
+    made = ready_made(
+        kind, name, side, effect_label(mechanism, name), sliding=slides(mechanism, name)
+    )
     value = stated.get(name, {}).get(kind)
     if value is not None and isfinite(value):
         made = (replace(made[0], value=value), *made[1:])
@@ -93,4 +128,7 @@ def slides(mechanism: Mechanism, at: str) -> bool:
     """Whether a coordinate, or the first joint of an actuator, is a translation."""
     drives = {a.name: a.terms[0][0] for a in mechanism.transmission.actuators}
     joint = drives.get(at, at)
-    return any(m.kind is MotionKind.TRANSLATION and joint in m.velocities for m in mechanism.motions)
+    return any(
+        m.kind is MotionKind.TRANSLATION and joint in m.velocities
+        for m in mechanism.motions
+    )

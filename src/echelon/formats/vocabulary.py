@@ -21,7 +21,12 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.hints import nearest
 
-_OF_XML = ("xmlns", "xmlns:", "xml:", "xsi:")  # how attributes begin that are about the document itself
+_OF_XML = (
+    "xmlns",
+    "xmlns:",
+    "xml:",
+    "xsi:",
+)  # how attributes begin that are about the document itself
 
 
 class Otherwise(Enum):
@@ -36,11 +41,15 @@ class Otherwise(Enum):
 class Element:
     """The names that may stand in an element; several in one text, separated by spaces."""
 
-    inside: Mapping[str, Element] = field(default_factory=dict)  # elements whose content counts
+    inside: Mapping[str, Element] = field(
+        default_factory=dict
+    )  # elements whose content counts
     attributes: str = ""  # attributes that are read, without @
     harmless: str = ""  # names that say nothing about motions
     listed: str = ""  # names that are listed as not read
-    single: str = ""  # elements of which a reader takes the first only; others are listed
+    single: str = (
+        ""  # elements of which a reader takes the first only; others are listed
+    )
     otherwise: Otherwise = Otherwise.REFUSED
     # what to write instead of a name that is refused, by name; of all others under the empty one
     advice: Mapping[str, str] = field(default_factory=dict)
@@ -69,7 +78,10 @@ def unread(root: Any, known: Element, source: str) -> tuple[str, ...]:
     """
     account = _Account(source)
     account.visit(root, known, _place(root, ""))
-    found = [name if count == 1 else f"{name} ({count} times)" for name, count in account.found.items()]
+    found = [
+        name if count == 1 else f"{name} ({count} times)"
+        for name, count in account.found.items()
+    ]
     return (f"not read: {', '.join(found)}",) if found else ()
 
 
@@ -83,7 +95,9 @@ class _Account:
     def visit(self, element: Any, known: Element, where: str) -> None:
         """Go through an element and all elements that count in it."""
         for name, value in element.items():
-            if value.strip() and not name.startswith(_OF_XML):  # an empty one says nothing
+            if value.strip() and not name.startswith(
+                _OF_XML
+            ):  # an empty one says nothing
                 self._meet(f"@{name}", element, known, where)
         for tag, count in Counter(child.tag for child in element).items():
             if count > 1 and tag in known.single.split():
@@ -97,10 +111,18 @@ class _Account:
     def _meet(self, name: str, element: Any, known: Element, where: str) -> None:
         fate = known.fate(name)
         if fate is Otherwise.LISTED:
-            self.found[f"{element.tag}{name}" if name.startswith("@") else f"{element.tag}/{name}"] += 1
+            self.found[
+                f"{element.tag}{name}"
+                if name.startswith("@")
+                else f"{element.tag}/{name}"
+            ] += 1
         elif fate is Otherwise.REFUSED:
-            shown = f"the attribute '{name[1:]}'" if name.startswith("@") else f"<{name}>"
-            said = known.advice.get(name, known.advice.get("", "")).format(file=PurePath(self.source).name)
+            shown = (
+                f"the attribute '{name[1:]}'" if name.startswith("@") else f"<{name}>"
+            )
+            said = known.advice.get(name, known.advice.get("", "")).format(
+                file=PurePath(self.source).name
+            )
             problem = (
                 f"{shown} is not read, and may change how the robot moves{nearest(name, known.read)}{said}; "
                 f"if it does not matter: --ignore {name}, or in Python ignore=['{name}']"
@@ -143,7 +165,10 @@ def without(root: Any, ignored: Collection[str], source: str) -> Any:
     if left:
         name = min(left)
         known = dict.fromkeys(_names_of(root))
-        raise InputError(f"it has no '{name}' that could be ignored{nearest(name, known)}", source=source)
+        raise InputError(
+            f"it has no '{name}' that could be ignored{nearest(name, known)}",
+            source=source,
+        )
     return root
 
 

@@ -35,7 +35,14 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.rows.plan import SAMPLED
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.finding import Finding, note, warning
-from echelon.logs.preparation.choices import NARROWEST, ROWS, Signals, reasoned, with_lowpass, with_still
+from echelon.logs.preparation.choices import (
+    NARROWEST,
+    ROWS,
+    Signals,
+    reasoned,
+    with_lowpass,
+    with_still,
+)
 from echelon.logs.preparation.prepare import Preparation, prepare
 from echelon.logs.recording import Segment
 from echelon.signals.clock import low_passed
@@ -76,8 +83,16 @@ class Noisy:
             "band"
         )
         if self.is_known:
-            return note("noisy positions", self.source, f"{text}; least squares are corrected for it")
-        return warning("noisy positions", self.source, f"{text}; finer encoders or measured velocities would help")
+            return note(
+                "noisy positions",
+                self.source,
+                f"{text}; least squares are corrected for it",
+            )
+        return warning(
+            "noisy positions",
+            self.source,
+            f"{text}; finer encoders or measured velocities would help",
+        )
 
     def corrected(self, estimate: Estimate) -> Estimate:
         """An estimate by least squares without the bias, as if it were known exactly.
@@ -88,10 +103,16 @@ class Noisy:
         if not self.is_known:
             return estimate
         whole = np.linalg.inv(np.eye(len(self.lost)) - self.lost)
-        return replace(estimate, values=whole @ estimate.values, covariance=whole @ estimate.covariance @ whole.T)
+        return replace(
+            estimate,
+            values=whole @ estimate.values,
+            covariance=whole @ estimate.covariance @ whole.T,
+        )
 
 
-def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[Preparation, Noisy | None]:
+def with_band(
+    preparation: Preparation, log: Signals, base: BaseModel
+) -> tuple[Preparation, Noisy | None]:
     """The preparation with the band narrowed as the model asks, and what noise does where it biases nevertheless."""
     longest = max(len(segment) for segment in log.segments) / log.rate
     if preparation.band is not None and preparation.band * longest < 1:
@@ -110,7 +131,11 @@ def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[
     if fits[place].bias > _BIASED:
         place = min(fits, key=lambda k: fits[k].bias)
     if place < informed:
-        worst = trials.name(fits[place + 1]) if place + 1 in fits else trials.name(fits[place])
+        worst = (
+            trials.name(fits[place + 1])
+            if place + 1 in fits
+            else trials.name(fits[place])
+        )
         reason = f"{bands[place]:.3g} Hz: in a wider band noise of the positions would bias {worst}"
         preparation = reasoned(preparation, "band", bands[place], reason)
     elif place < len(bands) - 1:
@@ -123,22 +148,33 @@ def with_band(preparation: Preparation, log: Signals, base: BaseModel) -> tuple[
     return preparation, Noisy(log.source, trials.name(fit), fit.bias, fit.lost)
 
 
-def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Preparation, Trials]:
+def _better_velocities(
+    preparation: Preparation, trials: Trials
+) -> tuple[Preparation, Trials]:
     """Velocities from the log or from positions: what leaves the smaller residuals in the same band."""
     if not trials.log.agreeing or "measured" not in preparation.reasons:
         return preparation, trials
     narrow = trials.bands[min(1, len(trials.bands) - 1)]
-    sources: dict[tuple[str, ...], str] = {(): "differentiated positions", ("qd",): "measured velocities"}
+    sources: dict[tuple[str, ...], str] = {
+        (): "differentiated positions",
+        ("qd",): "measured velocities",
+    }
     left = {}
     for measured in sources:
-        every = preparation.model_copy(update={"measured": measured, "still": 0.0})  # the same rows
+        every = preparation.model_copy(
+            update={"measured": measured, "still": 0.0}
+        )  # the same rows
         every = with_lowpass(trials.log, every).model_copy(update={"reasons": {}})
         left[measured] = replace(trials, preparation=every).fit(narrow).residual
     best, other = sorted(sources, key=lambda measured: left[measured])
     text = f"{sources[best]}: {sources[other]} leave {left[other] / left[best]:.4g} times the residuals"
     same = best == preparation.measured
-    preparation = with_lowpass(trials.log, reasoned(preparation, "measured", best, text))
-    return preparation, trials if same else Trials.of(trials.log, preparation, trials.base)
+    preparation = with_lowpass(
+        trials.log, reasoned(preparation, "measured", best, text)
+    )
+    return preparation, trials if same else Trials.of(
+        trials.log, preparation, trials.base
+    )
 
 
 def _with_rest(preparation: Preparation, trials: Trials, values: Floats) -> Preparation:
@@ -148,9 +184,20 @@ def _with_rest(preparation: Preparation, trials: Trials, values: Floats) -> Prep
         return preparation
     left = []
     for rest in ((), tuple(outputs)):
-        made = preparation.model_copy(update={"rest": rest, "delays": preparation.delays or {}})
-        left.append(sum((trials.squares(made, slow, values) for slow, _ in trials.pairs), np.zeros(len(outputs))))
-    found = [name for name, as_sign, as_none in zip(outputs, *left, strict=True) if as_none < _RESTS * as_sign]
+        made = preparation.model_copy(
+            update={"rest": rest, "delays": preparation.delays or {}}
+        )
+        left.append(
+            sum(
+                (trials.squares(made, slow, values) for slow, _ in trials.pairs),
+                np.zeros(len(outputs)),
+            )
+        )
+    found = [
+        name
+        for name, as_sign, as_none in zip(outputs, *left, strict=True)
+        if as_none < _RESTS * as_sign
+    ]
     text = f"{', '.join(found) or 'none'}: of these it would leave larger residuals to predict friction near standstill"
     return reasoned(preparation, "rest", tuple(found), text)
 
@@ -162,7 +209,10 @@ def _explained(trials: Trials) -> int:
         narrow = trials.fit(trials.bands[min(max(place, 1), len(trials.bands) - 1)])
         above = np.flatnonzero(trials.explained(narrow.values) >= _EXPLAINED)
         place = int(above[-1]) + 1 if len(above) else 0
-    rows = (trials.log.rows(trials.preparation.model_copy(update={"band": band})) for band in trials.bands)
+    rows = (
+        trials.log.rows(trials.preparation.model_copy(update={"band": band}))
+        for band in trials.bands
+    )
     enough = [k for k, count in enumerate(rows) if count >= ROWS * trials.base.rank]
     return max(place, enough[0] if enough else len(trials.bands) - 1)
 
@@ -186,8 +236,12 @@ class Trials:
     preparation: Preparation
     base: BaseModel
     bands: tuple[float, ...]  # Hz, from the narrowest to the widest
-    pairs: tuple[tuple[Segment, Segment], ...]  # segments, and the same with as much noise added as they have
-    fits: dict[float, Fit] = field(default_factory=dict, init=False)  # those made so far, by band
+    pairs: tuple[
+        tuple[Segment, Segment], ...
+    ]  # segments, and the same with as much noise added as they have
+    fits: dict[float, Fit] = field(
+        default_factory=dict, init=False
+    )  # those made so far, by band
 
     @staticmethod
     def of(log: Signals, preparation: Preparation, base: BaseModel) -> Trials:
@@ -196,10 +250,17 @@ class Trials:
         high = min(preparation.band, 0.5 * log.rate)
         low = min(NARROWEST * log.fastest[1], high)
         steps = round(np.log(high / low) / np.log(_WIDER))
-        bands = tuple(float(band) for band in np.geomspace(low, high, steps + 1)) if steps else (high,)
+        bands = (
+            tuple(float(band) for band in np.geomspace(low, high, steps + 1))
+            if steps
+            else (high,)
+        )
         made = preparation.model_copy(update={"delays": preparation.delays or {}})
         spectra = {"q": log.spectra}
-        spectra |= {n: log.velocity_spectra if n == "qd" else log.spectra_of(n) for n in made.measured or ()}
+        spectra |= {
+            n: log.velocity_spectra if n == "qd" else log.spectra_of(n)
+            for n in made.measured or ()
+        }
         rng, left, pairs = np.random.default_rng(0), _LONGEST, []
         for segment in log.segments:
             slow = slower(segment, SAMPLED * high, left)
@@ -226,13 +287,30 @@ class Trials:
         n = self.base.rank
         sigma = np.ones(len(rows))
         for _ in range(_REWEIGHTED):
-            A = sum((W.T @ W / s**2 for (_, W, _), s in zip(rows, sigma, strict=True)), np.zeros((n, n)))
-            right = sum((W.T @ y / s**2 for (y, W, _), s in zip(rows, sigma, strict=True)), np.zeros(n))
+            A = sum(
+                (W.T @ W / s**2 for (_, W, _), s in zip(rows, sigma, strict=True)),
+                np.zeros((n, n)),
+            )
+            right = sum(
+                (W.T @ y / s**2 for (y, W, _), s in zip(rows, sigma, strict=True)),
+                np.zeros(n),
+            )
             inverse = _inverse(A)
             values = inverse @ right
-            rms = np.array([np.sqrt(np.mean((y - W @ values) ** 2)) if len(y) else np.inf for y, W, _ in rows])
-            sigma = np.maximum(rms, _LEAST * np.array([np.abs(y).max(initial=1e-300) for y, _, _ in rows]))
-        D = sum((E.T @ E / s**2 for (_, _, E), s in zip(rows, sigma, strict=True)), np.zeros((n, n)))
+            rms = np.array(
+                [
+                    np.sqrt(np.mean((y - W @ values) ** 2)) if len(y) else np.inf
+                    for y, W, _ in rows
+                ]
+            )
+            sigma = np.maximum(
+                rms,
+                _LEAST * np.array([np.abs(y).max(initial=1e-300) for y, _, _ in rows]),
+            )
+        D = sum(
+            (E.T @ E / s**2 for (_, _, E), s in zip(rows, sigma, strict=True)),
+            np.zeros((n, n)),
+        )
         lost = inverse @ D
         with np.errstate(divide="ignore", invalid="ignore"):
             biased = np.nan_to_num(np.abs(lost @ values) / np.sqrt(np.diag(inverse)))
@@ -250,17 +328,28 @@ class Trials:
                 predicted = ModelRows.of(self.base, ()).predict(samples, values)
                 assert samples.y is not None
                 measured += _powers(samples.y, samples.rate, self.bands)
-                rest += _powers(_where_moving(samples.y - predicted, samples.moving), samples.rate, self.bands)
+                rest += _powers(
+                    _where_moving(samples.y - predicted, samples.moving),
+                    samples.rate,
+                    self.bands,
+                )
         told = (measured > 0) & (rest > 0)
         ratios = np.log(np.where(told, rest, 1.0) / np.where(told, measured, 1.0))
-        return np.asarray(1 - np.exp(ratios.sum(axis=1) / np.maximum(told.sum(axis=1), 1)))
+        return np.asarray(
+            1 - np.exp(ratios.sum(axis=1) / np.maximum(told.sum(axis=1), 1))
+        )
 
-    def squares(self, preparation: Preparation, slow: Segment, values: Floats) -> Floats:
+    def squares(
+        self, preparation: Preparation, slow: Segment, values: Floats
+    ) -> Floats:
         """Squares of what a model leaves of each output, at rest as well."""
         with suppress(InputError):  # too short
             samples = prepare(slow, preparation, self.base.mechanism)
             assert samples.y is not None
-            rest = rows_taken(samples, samples.y - ModelRows.of(self.base, ()).predict(samples, values))[1]
+            rest = rows_taken(
+                samples,
+                samples.y - ModelRows.of(self.base, ()).predict(samples, values),
+            )[1]
             return np.asarray(np.sum(rest**2, axis=0))
         return np.zeros(len(self.base.mechanism.outputs))
 
@@ -270,21 +359,39 @@ class Trials:
     def _rows(self, band: float) -> list[tuple[Floats, Floats, Floats]]:
         """Output by output: measured values, rows of the regressor, and what noise of the positions adds to them."""
         preparation, n = self._in(band), self.base.rank
-        found: list[list[tuple[Floats, Floats, Floats]]] = [[] for _ in self.base.mechanism.outputs]
+        found: list[list[tuple[Floats, Floats, Floats]]] = [
+            [] for _ in self.base.mechanism.outputs
+        ]
         for pair in self.pairs:
             with suppress(InputError):  # too short for this band
-                clean, noisy = (prepare(segment, preparation, self.base.mechanism) for segment in pair)
+                clean, noisy = (
+                    prepare(segment, preparation, self.base.mechanism)
+                    for segment in pair
+                )
                 onward = np.where(noisy.qd * clean.qd > 0, noisy.qd, clean.qd)
                 noisy = replace(noisy, qd=onward, moving=clean.moving)
                 models = (ModelRows.of(self.base, [some]) for some in (clean, noisy))
-                for one, other in zip(*(model.blocks() for model in models), strict=True):
-                    for output, columns in enumerate(ModelRows.of(self.base, ()).layout.columns):
+                for one, other in zip(
+                    *(model.blocks() for model in models), strict=True
+                ):
+                    for output, columns in enumerate(
+                        ModelRows.of(self.base, ()).layout.columns
+                    ):
                         W, E = np.zeros((2, len(one.y[output]), n))
                         W[:, columns] = one.matrices[output]
                         E[:, columns] = other.matrices[output] - one.matrices[output]
                         found[output].append((one.y[output], W, E))
-        parts = [zip(*(some or [(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)))]), strict=True) for some in found]
-        return [(np.concatenate(y), np.concatenate(W), np.concatenate(E)) for y, W, E in parts]
+        parts = [
+            zip(
+                *(some or [(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)))]),
+                strict=True,
+            )
+            for some in found
+        ]
+        return [
+            (np.concatenate(y), np.concatenate(W), np.concatenate(E))
+            for y, W, E in parts
+        ]
 
 
 def _inverse(A: Floats) -> Floats:
@@ -292,7 +399,9 @@ def _inverse(A: Floats) -> Floats:
     scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
     told = values > _OPEN * values[-1]
-    return np.asarray((vectors[:, told] / values[told]) @ vectors[:, told].T * np.outer(scale, scale))
+    return np.asarray(
+        (vectors[:, told] / values[told]) @ vectors[:, told].T * np.outer(scale, scale)
+    )
 
 
 def _where_moving(signal: Floats, moving: Flags | None) -> Floats:
@@ -300,7 +409,11 @@ def _where_moving(signal: Floats, moving: Flags | None) -> Floats:
     if moving is None:
         return signal
     share = moving.mean(axis=0)
-    return np.asarray(np.where(moving & (share > 0), signal / np.sqrt(np.where(share > 0, share, 1.0)), 0.0))
+    return np.asarray(
+        np.where(
+            moving & (share > 0), signal / np.sqrt(np.where(share > 0, share, 1.0)), 0.0
+        )
+    )
 
 
 def _powers(signal: Floats, rate: float, bands: Sequence[float]) -> Floats:
@@ -308,27 +421,49 @@ def _powers(signal: Floats, rate: float, bands: Sequence[float]) -> Floats:
     window = np.hanning(len(signal))[:, None]
     squares = np.abs(np.fft.rfft((signal - signal.mean(axis=0)) * window, axis=0)) ** 2
     places = np.searchsorted(np.fft.rfftfreq(len(signal), 1 / rate), bands)
-    return np.array([squares[low:high].sum(axis=0) for low, high in pairwise(places)]).reshape(-1, signal.shape[1])
+    return np.array(
+        [squares[low:high].sum(axis=0) for low, high in pairwise(places)]
+    ).reshape(-1, signal.shape[1])
 
 
 def slower(segment: Segment, rate: float, most: int) -> Segment:
     """The beginning of a segment on a clock that is a whole number of times slower, not below a rate."""
     factor = max(1, int(segment.rate / rate))
     whole = slice(0, max(most, 1) * factor)
-    signals = {name: values[whole] for name, values in segment.signals.items() if name != "reference"}
+    signals = {
+        name: values[whole]
+        for name, values in segment.signals.items()
+        if name != "reference"
+    }
     if factor > 1:
-        signals = {name: low_passed(values, 1 / factor)[::factor] for name, values in signals.items()}
+        signals = {
+            name: low_passed(values, 1 / factor)[::factor]
+            for name, values in signals.items()
+        }
     inputs = {name: values[whole][::factor] for name, values in segment.inputs.items()}
-    return Segment(segment.source, segment.start, segment.rate / factor, signals, inputs)
+    return Segment(
+        segment.source, segment.start, segment.rate / factor, signals, inputs
+    )
 
 
-def _noisier(segment: Segment, spectra: Mapping[str, Sequence[Spectrum]], rng: np.random.Generator) -> Segment:
+def _noisier(
+    segment: Segment,
+    spectra: Mapping[str, Sequence[Spectrum]],
+    rng: np.random.Generator,
+) -> Segment:
     """A segment with normal noise added that has the spectra of what its signals hold."""
-    signals, frequencies = dict(segment.signals), np.fft.rfftfreq(len(segment), 1 / segment.rate)
+    signals, frequencies = (
+        dict(segment.signals),
+        np.fft.rfftfreq(len(segment), 1 / segment.rate),
+    )
     for name, some in spectra.items():
-        power = np.stack([np.interp(frequencies, s.frequencies, s.noise) for s in some], axis=1)
+        power = np.stack(
+            [np.interp(frequencies, s.frequencies, s.noise) for s in some], axis=1
+        )
         waves = rng.standard_normal((2, *power.shape))
         size = np.sqrt(power * segment.rate * len(segment) / 4)
         size[0] = 0
-        signals[name] = signals[name] + np.fft.irfft((waves[0] + 1j * waves[1]) * size, len(segment), axis=0)
+        signals[name] = signals[name] + np.fft.irfft(
+            (waves[0] + 1j * waves[1]) * size, len(segment), axis=0
+        )
     return replace(segment, signals=signals)

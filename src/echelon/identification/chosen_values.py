@@ -26,7 +26,12 @@ from echelon.identification.rows.rows import ModelRows
 from echelon.logs.finding import Finding, note
 from echelon.logs.recording import Samples
 
-LEAST_SQUARES = ("ols", "wls", "irls", "huber")  # estimators that give what data alone tell
+LEAST_SQUARES = (
+    "ols",
+    "wls",
+    "irls",
+    "huber",
+)  # estimators that give what data alone tell
 
 
 def chosen_values(
@@ -44,8 +49,15 @@ def chosen_values(
     if settings.predict != "auto":
         return settings.predict, []
     plain = settings.estimator in LEAST_SQUARES and not settings.known
-    told = bool(np.isfinite(estimate.covariance).all())  # what data leave open is said elsewhere
-    if not plain or not told or physical is None or (physical.advantage is not None and physical.advantage.is_loss):
+    told = bool(
+        np.isfinite(estimate.covariance).all()
+    )  # what data leave open is said elsewhere
+    if (
+        not plain
+        or not told
+        or physical is None
+        or (physical.advantage is not None and physical.advantage.is_loss)
+    ):
         return "estimate", []
     ratio = _uncertainty(data, unseen_logs, estimate, noise)
     if ratio <= 1:
@@ -58,22 +70,33 @@ def chosen_values(
     return "physical", [note("predictions", "", text)]
 
 
-def _uncertainty(data: PassesOverData, unseen_logs: Sequence[Path], estimate: Estimate, noise: Floats) -> float:
+def _uncertainty(
+    data: PassesOverData, unseen_logs: Sequence[Path], estimate: Estimate, noise: Floats
+) -> float:
     """Standard deviation of predictions of unseen rows by that of residuals, the largest of all outputs."""
     part: Part = "last" if data.plan.holdout else "all"
     paths = data.paths if data.plan.holdout else unseen_logs
     rows = ModelRows(data.plan.base, partial(_samples, data, paths, part))
     observation, largest = rows.observation(), 0.0
     for columns, R, count, variance in zip(
-        observation.layout.columns, observation.factors, observation.counts, noise, strict=True
+        observation.layout.columns,
+        observation.factors,
+        observation.counts,
+        noise,
+        strict=True,
     ):
         if count and np.isfinite(variance) and variance > 0:
             places = list(columns)
             W = R[:, :-1]
-            predicted = float(np.sum((W @ estimate.covariance[np.ix_(places, places)]) * W)) / count
+            predicted = (
+                float(np.sum((W @ estimate.covariance[np.ix_(places, places)]) * W))
+                / count
+            )
             largest = max(largest, predicted / float(variance))
     return float(np.sqrt(largest))
 
 
-def _samples(data: PassesOverData, paths: Sequence[Path], part: Part) -> Iterator[Samples]:
+def _samples(
+    data: PassesOverData, paths: Sequence[Path], part: Part
+) -> Iterator[Samples]:
     return chain.from_iterable(data.samples(path, part) for path in paths)

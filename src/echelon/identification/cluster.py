@@ -30,9 +30,14 @@ from echelon.version import __version__
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-_PATIENCE = 15.0  # seconds without a single worker after which none is expected to come (back)
+_PATIENCE = (
+    15.0  # seconds without a single worker after which none is expected to come (back)
+)
 _LOOK = 5.0  # seconds between two looks whether there are workers: results are small and travel faster
-_SILENT: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+_SILENT: dict[str, list[str]] = {
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
 """No pages about what the processes do."""
 
 
@@ -48,7 +53,9 @@ def connect(where: str) -> Iterator[Client]:
     try:
         client = Client(where, timeout="10s")
     except (OSError, ValueError) as error:
-        raise InputError(f"the scheduler cannot be reached: {error}", source=where) from None
+        raise InputError(
+            f"the scheduler cannot be reached: {error}", source=where
+        ) from None
     with client:
         _check_versions(client, where)
         yield client
@@ -63,7 +70,9 @@ def _own_cluster(count: int) -> Iterator[Any]:
         from distributed import LocalCluster, Security
 
     if not count:
-        raise InputError("0 processes cannot work; expected at least 1, or the address of a scheduler")
+        raise InputError(
+            "0 processes cannot work; expected at least 1, or the address of a scheduler"
+        )
     security = Security.temporary()
     with (
         TemporaryDirectory(prefix="echelon-") as folder,
@@ -86,16 +95,25 @@ def _own_cluster(count: int) -> Iterator[Any]:
 
 def versions() -> dict[str, str]:
     """What has to be the same everywhere, so that results are."""
-    return {"echelon": __version__, "python": ".".join(map(str, sys.version_info[:2])), "numpy": np.__version__}
+    return {
+        "echelon": __version__,
+        "python": ".".join(map(str, sys.version_info[:2])),
+        "numpy": np.__version__,
+    }
 
 
-def check_versions(wanted: Mapping[str, str], found: Mapping[str, str | None], who: str) -> None:
+def check_versions(
+    wanted: Mapping[str, str], found: Mapping[str, str | None], who: str
+) -> None:
     """Compare the versions of a process with those of the one that asks for work."""
     for name, version in wanted.items():
         other = found.get(name)
         if other != version:
             has = f"no {name}" if other is None else f"{name} {other}"
-            raise InputError(f"it has {has}; results are the same only with {version}, as used here", source=who)
+            raise InputError(
+                f"it has {has}; results are the same only with {version}, as used here",
+                source=who,
+            )
 
 
 def _check_versions(client: Client, where: str) -> None:
@@ -123,12 +141,17 @@ def result(client: Client, future: Future[Any]) -> Any:
     address, seen = str(client.scheduler_info().get("address")), monotonic()
     while True:
         try:
-            return future.result(timeout=_LOOK)  # also one that was made may be lost before it is here
+            return future.result(
+                timeout=_LOOK
+            )  # also one that was made may be lost before it is here
         except KilledWorker as error:
             problem = f"a task ended {error.allowed_failures + 1} workers one after another, perhaps by lack of memory"
             raise InputError(problem, source=address) from None
         except (CancelledError, CommClosedError):
-            raise InputError("the connection to the scheduler was lost; run this again", source=address) from None
+            raise InputError(
+                "the connection to the scheduler was lost; run this again",
+                source=address,
+            ) from None
         except TimeoutError:
             if future.status == "error":
                 raise
@@ -145,7 +168,10 @@ Result = TypeVar("Result")
 
 
 def each(
-    client: Client | None, function: Callable[[Common, Item], Result], common: Common, items: Iterable[Item]
+    client: Client | None,
+    function: Callable[[Common, Item], Result],
+    common: Common,
+    items: Iterable[Item],
 ) -> Iterator[Result]:
     """Results of a function for all items, in their order; on a cluster, or one after another here."""
     if client is None:
@@ -169,7 +195,9 @@ def summed(
     bounds = [round(k * len(items) / groups) for k in range(groups + 1)]
     parts = [items[low:high] for low, high in pairwise(bounds) if high > low]
     if client is None:
-        return [tree((function(common, item) for item in part), merge) for part in parts]
+        return [
+            tree((function(common, item) for item in part), merge) for part in parts
+        ]
     there = partial(client.submit, merge, pure=False)
     trees = [tree(_mapped(client, function, common, part), there) for part in parts]
     return [result(client, future) for future in trees]
@@ -177,7 +205,9 @@ def summed(
 
 def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
     """Merge neighbours pairwise until one value is left, holding no more values than the tree is deep."""
-    waiting: list[tuple[int, Any]] = []  # how many values were merged into it, a power of two; descending
+    waiting: list[
+        tuple[int, Any]
+    ] = []  # how many values were merged into it, a power of two; descending
     for value in values:
         size = 1
         while waiting and waiting[-1][0] == size:
@@ -189,14 +219,26 @@ def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
     return result
 
 
-def _mapped(client: Client, function: Callable[..., Any], common: object, items: Sequence[Any]) -> list[Any]:
+def _mapped(
+    client: Client, function: Callable[..., Any], common: object, items: Sequence[Any]
+) -> list[Any]:
     # the result of a task can be made again if the worker that holds it dies; data that were only sent could not
     shared = client.submit(_itself, common, pure=False)
-    return list(client.map(partial(_checked, versions(), function), [shared] * len(items), items, pure=False))
+    return list(
+        client.map(
+            partial(_checked, versions(), function),
+            [shared] * len(items),
+            items,
+            pure=False,
+        )
+    )
 
 
 def _checked(
-    expected: dict[str, str], function: Callable[[Common, Item], Result], common: Common, item: Item
+    expected: dict[str, str],
+    function: Callable[[Common, Item], Result],
+    common: Common,
+    item: Item,
 ) -> Result:
     """The function, by a worker that may have come later than others."""
     with extra("dask"):

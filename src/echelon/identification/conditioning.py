@@ -43,7 +43,9 @@ ROUNDING = 1.5e-8
 of a double, and more than any sensor has."""
 
 _SHARE = 0.1  # shares below this part of the largest are left out of a direction
-_INVOLVED = 1e-6  # share in an open direction from which on a parameter counts as open itself
+_INVOLVED = (
+    1e-6  # share in an open direction from which on a parameter counts as open itself
+)
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,9 @@ class Conditioning:
     rank: int  # directions that the data determine at all
     # shape (n,); for each parameter 1/√(VIF): the share of its column that no other column explains, 0 to 1
     independent_share: Floats
-    weak: tuple[Direction, ...]  # combinations that the data leave open, or nearly so, weakest last
+    weak: tuple[
+        Direction, ...
+    ]  # combinations that the data leave open, or nearly so, weakest last
 
     @property
     def is_complete(self) -> bool:
@@ -81,13 +85,19 @@ class Conditioning:
         condition = f"condition number with scaled columns {self.scaled_condition:.3g}"
         if not self.weak:
             return f"{start}, all of them well ({condition})"
-        some = "one combination" if len(self.weak) == 1 else f"{len(self.weak)} combinations"
+        some = (
+            "one combination"
+            if len(self.weak) == 1
+            else f"{len(self.weak)} combinations"
+        )
         state = "open" if self.rank < count else "poorly determined"
         return f"{start} and leave {some} {state} ({condition}); other motions would show them"
 
 
 def conditioning(
-    observation: Observation, weights: Sequence[float] | Floats | None = None, base: BaseModel | None = None
+    observation: Observation,
+    weights: Sequence[float] | Floats | None = None,
+    base: BaseModel | None = None,
 ) -> Conditioning:
     """Conditioning of data, and the combinations of parameters that they hardly show.
 
@@ -113,7 +123,12 @@ def conditioning(
     if rank < n:  # to within rounding
         condition = scaled_condition = float("inf")
     return Conditioning(
-        condition, scaled_condition, singular, rank, _independent_share(triangle, singular, directions), weak
+        condition,
+        scaled_condition,
+        singular,
+        rank,
+        _independent_share(triangle, singular, directions),
+        weak,
     )
 
 
@@ -135,7 +150,9 @@ def without_rounding(observation: Observation, units: Sequence[str]) -> Observat
     return replace(observation, factors=tuple(factors))
 
 
-def _independent_share(triangle: Triangle, singular: Floats, directions: Floats) -> Floats:
+def _independent_share(
+    triangle: Triangle, singular: Floats, directions: Floats
+) -> Floats:
     """1/√(VIF); the variance inflation of a column of norm 1 is its entry on the diagonal of (WᵀW)⁻¹."""
     rank = triangle.rank
     with np.errstate(divide="ignore"):
@@ -145,7 +162,9 @@ def _independent_share(triangle: Triangle, singular: Floats, directions: Floats)
     return np.where(open_parameters, 0.0, np.minimum(seen, 1.0))
 
 
-def _weak(triangle: Triangle, singular: Floats, directions: Floats, rank: int) -> list[tuple[float, Floats]]:
+def _weak(
+    triangle: Triangle, singular: Floats, directions: Floats, rank: int
+) -> list[tuple[float, Floats]]:
     """Relative singular values and unit vectors of weak directions, weakest last."""
     if not singular.size or singular[0] == 0:
         return [(0.0, unit) for unit in np.eye(len(singular))]
@@ -153,12 +172,19 @@ def _weak(triangle: Triangle, singular: Floats, directions: Floats, rank: int) -
     size = float(np.hypot(np.linalg.norm(triangle.qty), triangle.residual))
     degrees = max(triangle.rows - rank, 1)
     noisy = singular * size < triangle.residual / np.sqrt(degrees)
-    found = [(float(relative[k]), directions[k]) for k in range(rank) if relative[k] < WEAK or noisy[k]]
+    found = [
+        (float(relative[k]), directions[k])
+        for k in range(rank)
+        if relative[k] < WEAK or noisy[k]
+    ]
     if rank == len(singular):
         return found
     # few entries each, so that every one names few parameters
     rest = [row / np.linalg.norm(row) for row in sparse_basis(directions[rank:])[0]]
-    return found + [(0.0, row) for row in sorted(rest, key=lambda row: int(np.argmax(np.abs(row) > _SHARE)))]
+    return found + [
+        (0.0, row)
+        for row in sorted(rest, key=lambda row: int(np.argmax(np.abs(row) > _SHARE)))
+    ]
 
 
 def _shares(names: Sequence[str], direction: Floats) -> tuple[tuple[str, float], ...]:
@@ -166,7 +192,11 @@ def _shares(names: Sequence[str], direction: Floats) -> tuple[tuple[str, float],
     order = np.argsort(-np.abs(direction), kind="stable")
     sign = np.sign(direction[order[0]]) or 1.0
     limit = _SHARE * np.abs(direction[order[0]])
-    return tuple((names[k], float(sign * direction[k])) for k in order if np.abs(direction[k]) >= limit)
+    return tuple(
+        (names[k], float(sign * direction[k]))
+        for k in order
+        if np.abs(direction[k]) >= limit
+    )
 
 
 State = dict[str, Floats]
@@ -180,15 +210,35 @@ _MOST = 6  # parameters named
 _KINDS = ("qdd", "qd", "q")
 
 
-def advice(names: Sequence[str], direction: Floats, change: Floats, base: BaseModel | None, seen: float = 0.0) -> str:
+def advice(
+    names: Sequence[str],
+    direction: Floats,
+    change: Floats,
+    base: BaseModel | None,
+    seen: float = 0.0,
+) -> str:
     """What the data do not show and how to show it, in a sentence."""
     size = np.abs(direction)
-    order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] >= _NAMED * size.max()]
-    shown = [names[k] for k in order[:_MOST]] + (["others"] if len(order) > _MOST else [])
+    order = [
+        int(k)
+        for k in np.argsort(-size, kind="stable")
+        if size[k] >= _NAMED * size.max()
+    ]
+    shown = [names[k] for k in order[:_MOST]] + (
+        ["others"] if len(order) > _MOST else []
+    )
     how = "hardly" if seen else "do not"
-    problem = f"the data {how} show {shown[0]}" if len(shown) == 1 else f"the data {how} tell {enumerated(shown)} apart"
+    problem = (
+        f"the data {how} show {shown[0]}"
+        if len(shown) == 1
+        else f"the data {how} tell {enumerated(shown)} apart"
+    )
     # what hardly belongs to the direction would only blur its sensitivity
-    motion = None if base is None else _motion(base, np.where(size >= _NAMED * size.max(), change, 0.0))
+    motion = (
+        None
+        if base is None
+        else _motion(base, np.where(size >= _NAMED * size.max(), change, 0.0))
+    )
     return f"{problem}: {motion}" if motion else f"{problem}: move in other ways"
 
 
@@ -198,11 +248,17 @@ def _motion(base: BaseModel, change: Floats) -> str:
         # positions that follow from others cannot be drawn one by one
         return f"move {_together(base.mechanism.independent_velocities)} further, faster and with larger accelerations"
     found = sensitivities(base, change)
-    largest = max((value for values in found.values() for value in values.values()), default=0.0)
+    largest = max(
+        (value for values in found.values() for value in values.values()), default=0.0
+    )
     if largest == 0:
-        return "the outputs they change do not depend on the motion; record more samples"
+        return (
+            "the outputs they change do not depend on the motion; record more samples"
+        )
     chosen = {
-        kind: [name for name, value in found[kind].items() if value >= _MATTERS * largest]
+        kind: [
+            name for name, value in found[kind].items() if value >= _MATTERS * largest
+        ]
         for kind in _KINDS
         if found.get(kind)
     }
@@ -212,7 +268,9 @@ def _motion(base: BaseModel, change: Floats) -> str:
         "q": "{} over more of the range",
         "inputs": "the drives of {} at other loads",
     }
-    parts = [phrases[kind].format(_together(some)) for kind, some in chosen.items() if some]
+    parts = [
+        phrases[kind].format(_together(some)) for kind, some in chosen.items() if some
+    ]
     if not parts:
         parts = [phrases["inputs"].format(_together(list(found["inputs"])))]
     return "move " + "; ".join(parts)
@@ -226,7 +284,9 @@ def sensitivities(base: BaseModel, change: Floats) -> dict[str, dict[str, float]
     variance = start.var(axis=0)
     # rounding of an output that δ does not change is no variance
     counted = variance > 1e-20 * np.maximum((start**2).mean(axis=0).max(), 1e-300)
-    found: dict[str, dict[str, float]] = {kind: {} for kind in ("q", "qd", "qdd", "inputs")}
+    found: dict[str, dict[str, float]] = {
+        kind: {} for kind in ("q", "qd", "qdd", "inputs")
+    }
     if not counted.any():
         return found
     for kind, name, columns in _variables(base.mechanism):
@@ -238,16 +298,24 @@ def sensitivities(base: BaseModel, change: Floats) -> dict[str, dict[str, float]
 
 
 def _outputs(base: BaseModel, state: State, change: Floats) -> Floats:
-    values = base.regressor(state["q"], state["qd"], state["qdd"], inputs=_inputs(base.mechanism, state))
+    values = base.regressor(
+        state["q"], state["qd"], state["qdd"], inputs=_inputs(base.mechanism, state)
+    )
     return values @ change
 
 
 def _inputs(mechanism: Mechanism, state: State) -> Mapping[str, Floats]:
-    return {name: state["inputs"][:, k] for k, name in enumerate(_input_names(mechanism))}
+    return {
+        name: state["inputs"][:, k] for k, name in enumerate(_input_names(mechanism))
+    }
 
 
 def _input_names(mechanism: Mechanism) -> tuple[str, ...]:
-    return tuple(dict.fromkeys([*mechanism.velocities, *(a.name for a in mechanism.transmission.actuators)]))
+    return tuple(
+        dict.fromkeys(
+            [*mechanism.velocities, *(a.name for a in mechanism.transmission.actuators)]
+        )
+    )
 
 
 def _variables(mechanism: Mechanism) -> list[tuple[str, str, list[int]]]:
@@ -258,20 +326,32 @@ def _variables(mechanism: Mechanism) -> list[tuple[str, str, list[int]]]:
         q = list(range(position, position + len(motion.positions)))
         v = list(range(velocity, velocity + len(motion.velocities)))
         position, velocity = q[-1] + 1, v[-1] + 1
-        found += [("q", motion.name, q), ("qd", motion.name, v), ("qdd", motion.name, v)]
-    return found + [("inputs", name, [k]) for k, name in enumerate(_input_names(mechanism))]
+        found += [
+            ("q", motion.name, q),
+            ("qd", motion.name, v),
+            ("qdd", motion.name, v),
+        ]
+    return found + [
+        ("inputs", name, [k]) for k, name in enumerate(_input_names(mechanism))
+    ]
 
 
 def _random_states(mechanism: Mechanism, rng: np.random.Generator) -> State:
     """States as an arm may have them: any pose, and speeds and accelerations of usual size."""
     length = characteristic_length(mechanism)
     moving = mechanism.free_motions
-    sizes = [length if m.kind is MotionKind.TRANSLATION else 1.0 for m in moving for _ in m.velocities]
+    sizes = [
+        length if m.kind is MotionKind.TRANSLATION else 1.0
+        for m in moving
+        for _ in m.velocities
+    ]
     positions = []
     for motion in moving:
         if motion.kind is MotionKind.BALL:
             quaternions = rng.normal(size=(_STATES, 4))
-            positions.append(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
+            positions.append(
+                quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+            )
         else:
             reach = length if motion.kind is MotionKind.TRANSLATION else np.pi
             positions.append(rng.uniform(-reach, reach, (_STATES, 1)))

@@ -79,7 +79,11 @@ class GainEstimate:
 
     def __repr__(self) -> str:
         some = zip(self.drives, self.gains, self.std, self.units, strict=True)
-        return "GainEstimate(" + ", ".join(f"{n} = {g:.4g} ± {s:.2g} {u}" for n, g, s, u in some) + ")"
+        return (
+            "GainEstimate("
+            + ", ".join(f"{n} = {g:.4g} ± {s:.2g} {u}" for n, g, s, u in some)
+            + ")"
+        )
 
 
 @public
@@ -120,37 +124,65 @@ def drive_gains(
     base = base_of(base)
     gains = gain_names(base)
     if not gains:
-        raise InputError("the model has no drive gains; add effects of type drive_gain, whose inputs are the currents")
+        raise InputError(
+            "the model has no drive gains; add effects of type drive_gain, whose inputs are the currents"
+        )
     if (loaded is None) != (payload is None):
-        raise InputError("a loaded run and its payload belong together; give both or neither")
+        raise InputError(
+            "a loaded run and its payload belong together; give both or neither"
+        )
     free = _observation(unloaded, base.pivots, "the unloaded runs")
-    fixed, units, words = dict(known or {}), base.units, [f"{n} = {v:g}" for n, v in (known or {}).items() if v]
+    fixed, units, words = (
+        dict(known or {}),
+        base.units,
+        [f"{n} = {v:g}" for n, v in (known or {}).items() if v],
+    )
     if loaded is not None and payload is not None:
         load = payload.base(base)
         carrying = _observation(loaded, base.pivots + load.pivots, "the loaded runs")
         free, units = _extended(free, carrying.layout) + carrying, units + load.units
         fixed |= _load_values(payload, load)
-        words.append(f"the payload on {payload.body}, of which {', '.join(payload.known)} known")
+        words.append(
+            f"the payload on {payload.body}, of which {', '.join(payload.known)} known"
+        )
     _check_zero(free, gains)
     rest = known_values(free.layout.parameters, units, fixed)
     reduced = rest.observation(free)
     _check_scale(reduced, gains)
-    found = fit_currents(reduced, rest.unknown_units, _gain_of_output(reduced.layout, gains))
-    return _gains_of(rest.restored(found), gains, " and ".join(words) or "measured outputs")
+    found = fit_currents(
+        reduced, rest.unknown_units, _gain_of_output(reduced.layout, gains)
+    )
+    return _gains_of(
+        rest.restored(found), gains, " and ".join(words) or "measured outputs"
+    )
 
 
 def _gains_of(estimate: Estimate, gains: tuple[str, ...], scale: str) -> GainEstimate:
     places = [estimate.parameters.index(name) for name in gains]
     interval = estimate.interval()[places]
-    unclear = tuple(name for name, (low, high) in zip(gains, interval, strict=True) if low < 0 < high)
+    unclear = tuple(
+        name
+        for name, (low, high) in zip(gains, interval, strict=True)
+        if low < 0 < high
+    )
     units = tuple(estimate.units[k] for k in places)
-    return GainEstimate(gains, units, estimate.values[places], estimate.std[places], estimate, scale, unclear)
+    return GainEstimate(
+        gains,
+        units,
+        estimate.values[places],
+        estimate.std[places],
+        estimate,
+        scale,
+        unclear,
+    )
 
 
 # -- data -------------------------------------------------------------------------------------------------------------
 
 
-def _observation(data: Observation | Rows, parameters: tuple[str, ...], what: str) -> Observation:
+def _observation(
+    data: Observation | Rows, parameters: tuple[str, ...], what: str
+) -> Observation:
     found = data if isinstance(data, Observation) else data.observation()
     if found.layout.parameters != parameters:
         raise InputError(
@@ -163,7 +195,9 @@ def _observation(data: Observation | Rows, parameters: tuple[str, ...], what: st
 def _extended(observation: Observation, layout: Layout) -> Observation:
     """The same rows with more columns, of parameters that they do not depend on."""
     factors = []
-    for R, old, new in zip(observation.factors, observation.layout.columns, layout.columns, strict=True):
+    for R, old, new in zip(
+        observation.factors, observation.layout.columns, layout.columns, strict=True
+    ):
         full = np.zeros((len(R), len(new) + 1))
         full[:, [*(new.index(c) for c in old), len(new)]] = R
         factors.append(upper_triangle(full))
@@ -184,7 +218,9 @@ def _load_values(payload: Payload, load: BaseModel) -> dict[str, float]:
 def _check_zero(observation: Observation, gains: Sequence[str]) -> None:
     """Refuse measured values beside unknown gains: currents given twice would be explained by gains of −1."""
     of_output = _gain_of_output(observation.layout, gains)
-    for label, R, some in zip(observation.layout.outputs, observation.factors, of_output, strict=True):
+    for label, R, some in zip(
+        observation.layout.outputs, observation.factors, of_output, strict=True
+    ):
         if some and np.abs(R[:, -1]).max(initial=0.0) > 0:
             raise InputError(
                 "its currents are multiplied by an unknown gain, so its measured value y must be zero",
@@ -192,17 +228,28 @@ def _check_zero(observation: Observation, gains: Sequence[str]) -> None:
             )
 
 
-def _gain_of_output(layout: Layout, gains: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+def _gain_of_output(
+    layout: Layout, gains: Sequence[str]
+) -> tuple[tuple[str, ...], ...]:
     """For each output the gains that it depends on."""
-    return tuple(tuple(layout.parameters[c] for c in some if layout.parameters[c] in gains) for some in layout.columns)
+    return tuple(
+        tuple(layout.parameters[c] for c in some if layout.parameters[c] in gains)
+        for some in layout.columns
+    )
 
 
 def _check_scale(observation: Observation, gains: Sequence[str]) -> None:
     """Refuse drives whose equations stay homogeneous: outputs that share parameters share their scale."""
     layout = observation.layout
     for outputs, parameters in _sharing(layout):
-        lost = [layout.parameters[c] for c in sorted(parameters) if layout.parameters[c] in gains]
-        if lost and not any(np.abs(observation.factors[k][:, -1]).max(initial=0.0) for k in outputs):
+        lost = [
+            layout.parameters[c]
+            for c in sorted(parameters)
+            if layout.parameters[c] in gains
+        ]
+        if lost and not any(
+            np.abs(observation.factors[k][:, -1]).max(initial=0.0) for k in outputs
+        ):
             raise InputError(
                 f"0 = X ζ − i K holds for every multiple of a solution, so the data determine only ratios of "
                 f"{', '.join(lost)} and the masses: add runs with a payload of known mass, or give a known parameter, "
@@ -260,25 +307,47 @@ def gains_from_logs(
         If logs cannot be read, or nothing fixes the scale: see :func:`drive_gains`.
     """
     if bool(loaded) != (payload is not None):
-        raise InputError("runs with a payload and the payload itself go together: give both or neither")
+        raise InputError(
+            "runs with a payload and the payload itself go together: give both or neither"
+        )
     setup = setup_of(setup)
     base = base_parameters(setup.mechanism, seed=setup.seed)
     plan = _plan(setup, base, unloaded)
     rows = ModelRows.of(base, _samples(plan, unloaded))
     if payload is None:
         return drive_gains(base, rows, known=known)
-    return drive_gains(base, rows, loaded_rows(base, payload, _samples(plan, loaded)), payload, known=known)
+    return drive_gains(
+        base,
+        rows,
+        loaded_rows(base, payload, _samples(plan, loaded)),
+        payload,
+        known=known,
+    )
 
 
 def _plan(setup: Setup, base: BaseModel, logs: Paths) -> Plan:
     """Settings chosen from the runs without a load; they hold for all."""
     segments: list[Segment] = []
     for path in log_paths(logs):
-        for piece in read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate, outputs=False):
+        for piece in read_log(
+            path,
+            setup.mechanism,
+            setup.columns,
+            rate=setup.preparation.rate,
+            outputs=False,
+        ):
             segments += piece.segments
-    return Plan(base, setup.columns, chosen(setup.preparation, Signals.of(segments, setup.mechanism)))
+    return Plan(
+        base,
+        setup.columns,
+        chosen(setup.preparation, Signals.of(segments, setup.mechanism)),
+    )
 
 
 def _samples(plan: Plan, logs: Paths) -> list[Samples]:
     paths = log_paths(logs)
-    return [with_zeros(plan.base, some) for path in paths for some in plan.samples(path, outputs=False)]
+    return [
+        with_zeros(plan.base, some)
+        for path in paths
+        for some in plan.samples(path, outputs=False)
+    ]

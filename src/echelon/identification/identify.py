@@ -17,7 +17,11 @@ from echelon.doors import public
 from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.formats.usual_effects import slides, with_rotors
 from echelon.identification.chosen_values import LEAST_SQUARES, chosen_values
-from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
+from echelon.identification.conditioning import (
+    Conditioning,
+    conditioning,
+    without_rounding,
+)
 from echelon.identification.current_fit import gain_names
 from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
@@ -27,7 +31,12 @@ from echelon.identification.judge.evidence import States
 from echelon.identification.judge.findings import contradiction, finding
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
-from echelon.identification.judge.mounting import free_gravity, is_unknown, standing, with_gravity
+from echelon.identification.judge.mounting import (
+    free_gravity,
+    is_unknown,
+    standing,
+    with_gravity,
+)
 from echelon.identification.judge.readings import Readings
 from echelon.identification.judge.units import common_unit
 from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
@@ -46,7 +55,14 @@ from echelon.identification.result import (
     predicting,
 )
 from echelon.identification.rows.plan import Plan
-from echelon.identification.scores import UNEXPLAINED, Grade, Validation, by_role, grade, overall_verdict
+from echelon.identification.scores import (
+    UNEXPLAINED,
+    Grade,
+    Validation,
+    by_role,
+    grade,
+    overall_verdict,
+)
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models
 from echelon.logs.columns.column_map import ColumnMap
@@ -66,12 +82,18 @@ OnStep = Callable[[str], None]
 
 Solved = TypeVar("Solved")
 
-_PIECES = 5  # stretches of the data that are predicted from one another to weigh the prior
+_PIECES = (
+    5  # stretches of the data that are predicted from one another to weigh the prior
+)
 _CLEARLY = 5.0  # times a sensor's noise in the band, or an estimate's standard deviation, that is more than noise
 _ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
-_COMPLETIONS = 3  # of a set-up with what a fit says: gravity, rotors, and what a rotor explains
+_COMPLETIONS = (
+    3  # of a set-up with what a fit says: gravity, rotors, and what a rotor explains
+)
 _ASSUMED_GRAVITY = "the direction of gravity was left open: -z of the base was taken"
-_EXPLAINED = 1e-3  # share of an output's spread that is left at most where nothing is lacking
+_EXPLAINED = (
+    1e-3  # share of an output's spread that is left at most where nothing is lacking
+)
 
 
 @public
@@ -128,7 +150,9 @@ def identify(
         setup = replace(setup, mechanism=standing(setup.mechanism))
 
     def fit(setup: Setup) -> tuple[Identification, list[Judged]]:
-        return _fitted(setup, given, others, client, step, memory, gravity_is_open=not mounted)
+        return _fitted(
+            setup, given, others, client, step, memory, gravity_is_open=not mounted
+        )
 
     remarks: list[Finding] = []
     result, judged = fit(setup)
@@ -143,7 +167,11 @@ def identify(
     if not mounted and not any(some.kind == "gravity" for some in remarks):
         against = any(some.gravity is not None for some in judged)
         remarks.append(
-            note("gravity", setup.source, _ASSUMED_GRAVITY + ", and nothing speaks against it" * (not against))
+            note(
+                "gravity",
+                setup.source,
+                _ASSUMED_GRAVITY + ", and nothing speaks against it" * (not against),
+            )
         )
     remarks += [finding(some, lists_effects=lists) for some in judged]
     return replace(result, findings=limited([*remarks, *result.findings]))
@@ -160,14 +188,18 @@ def _completed(
     for some in judged:
         if not mounted and some.gravity is not None and any(some.gravity):
             turned = with_gravity(mechanism, np.array(some.gravity))
-            return replace(setup, mechanism=turned), [finding(some, lists_effects=lists, taken=True)]
+            return replace(setup, mechanism=turned), [
+                finding(some, lists_effects=lists, taken=True)
+            ]
     rotors = [some for some in judged if some.kind is Kind.ROTOR]
     drives = {place for some in rotors for place in some.places}
     lifted = _lifted(result) - drives
     if not (drives or lifted) or not setup.usual:
         return setup, []
     said = [finding(some, lists_effects=lists, taken=True) for some in rotors]
-    said += [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
+    said += (
+        [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
+    )
     # a robot has geared drives or not; a rotor that cannot be told from zero does no harm
     return replace(setup, mechanism=with_rotors(mechanism)), said
 
@@ -175,15 +207,31 @@ def _completed(
 def _lifted(result: Identification) -> set[str]:
     """Slides with a constant force that a rotor would explain: gravity acts along them, and not on its inertia."""
     mechanism, estimate = result.base.mechanism, result.estimate
-    actions = [(effect.parameter, action) for effect in mechanism.effects for action in effect.actions]
+    actions = [
+        (effect.parameter, action)
+        for effect in mechanism.effects
+        for action in effect.actions
+    ]
     rotors = {action.at for _, action in actions if action.term == "qdd"}
-    clear = dict(zip(estimate.parameters, np.abs(estimate.values) > _CLEARLY * estimate.std, strict=True))
-    offsets = {a.at: name for name, a in actions if a.term == "1" and clear.get(name) and slides(mechanism, a.at)}
+    clear = dict(
+        zip(
+            estimate.parameters,
+            np.abs(estimate.values) > _CLEARLY * estimate.std,
+            strict=True,
+        )
+    )
+    offsets = {
+        a.at: name
+        for name, a in actions
+        if a.term == "1" and clear.get(name) and slides(mechanism, a.at)
+    }
     offsets = {at: name for at, name in offsets.items() if at not in rotors}
     if not offsets:
         return set()
     seen = base_parameters(with_rotors(mechanism, offsets)).classification
-    return {at for at, name in offsets.items() if seen[name] is Identifiability.COMBINATION}
+    return {
+        at for at, name in offsets.items() if seen[name] is Identifiability.COMBINATION
+    }
 
 
 def _fitted(
@@ -203,7 +251,12 @@ def _fitted(
         base = base_parameters(setup.mechanism, seed=setup.seed)
         fitted_logs, unseen_logs = _split_logs(given, others, settings.holdout)
         surveyed = survey(setup, base, fitted_logs, unseen_logs)
-        plan = Plan(base, setup.columns, surveyed.preparation, 0.0 if unseen_logs else settings.holdout)
+        plan = Plan(
+            base,
+            setup.columns,
+            surveyed.preparation,
+            0.0 if unseen_logs else settings.holdout,
+        )
         prior = known_before(base, setup.prior)
         prior_base = None if prior is None else prior.base_values(base)
 
@@ -215,25 +268,37 @@ def _fitted(
         step("estimating")
         conditions = conditioning(observation, 1 / noise_estimate(observation), base)
         estimate = _estimate(settings, data, observation, conditions, prior_base)
-        if surveyed.noisy is not None and estimate.method in LEAST_SQUARES and not settings.known:
+        if (
+            surveyed.noisy is not None
+            and estimate.method in LEAST_SQUARES
+            and not settings.known
+        ):
             biased, estimate = estimate, surveyed.noisy.corrected(estimate)
             observation = observation.moved(estimate.values - biased.values)
         noise = usable_noise(observation, estimate)
         reduced = None
         if settings.essential != "none" and conditions.is_complete:
             alike, criterion = _correlation(estimate), settings.essential
-            reduced = essential(observation, base.units, noise, criterion=criterion, correlation=alike)
+            reduced = essential(
+                observation, base.units, noise, criterion=criterion, correlation=alike
+            )
 
         step("fitting a physical robot")
         unsolved: list[Finding] = []
         physical = feasible = None
         if settings.physical:
-            physical = _tried(lambda: _physical(setup, data, observation, noise, prior), unsolved)
+            physical = _tried(
+                lambda: _physical(setup, data, observation, noise, prior), unsolved
+            )
         if settings.physical and conditions.is_complete:
-            feasible = _tried(lambda: _feasibility(base, observation, estimate, noise), unsolved)
+            feasible = _tried(
+                lambda: _feasibility(base, observation, estimate, noise), unsolved
+            )
 
         step("validating")
-        used, choice = chosen_values(settings, data, unseen_logs, estimate, noise, physical)
+        used, choice = chosen_values(
+            settings, data, unseen_logs, estimate, noise, physical
+        )
         models = {"model": predicting(used, estimate, reduced, physical)}
         models |= {} if prior_base is None else {"prior": prior_base}
         plain = _without_friction(base, observation, noise)
@@ -243,7 +308,9 @@ def _fitted(
         judged: list[Judged] = []
         told: list[Judged] = []
         doubtful = bool(unsolved) or _is_doubtful(validations, feasible)
-        unit = None if prior_base is None else common_unit(base, observation, prior_base)
+        unit = (
+            None if prior_base is None else common_unit(base, observation, prior_base)
+        )
         if unit is not None or doubtful or _is_unexplained(by_role(validations)):
             judge = _judge(plan, data.fitted(), estimate.values, setup, prior)
             judge = replace(judge, doubtful=doubtful, gravity_is_open=gravity_is_open)
@@ -251,16 +318,27 @@ def _fitted(
             told = judge.told
         if unit is not None and not any(some.kind is Kind.READING for some in judged):
             judged, told = [unit, *judged], [unit, *told]
-        elsewhere = _misread_elsewhere(setup, data, models["model"], validations, unseen_logs)
+        elsewhere = _misread_elsewhere(
+            setup, data, models["model"], validations, unseen_logs
+        )
 
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
-    findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
+    findings += [
+        *surveyed.findings,
+        *(() if prior is None else prior.findings),
+        *unsolved,
+    ]
     comparable = conditions.is_complete and not gain_names(base)
     findings += [*elsewhere, *choice]
     if physical is not None and prior is not None:
-        findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
+        findings += departures(
+            base.mechanism, physical.standard, prior.values, physical.prior_weight
+        )
     findings += mass_findings(base, estimate.values) if comparable else []
-    facts = [*filter(None, map(contradiction, judged)), *contradictions(feasible, findings, plan.preparation.measured)]
+    facts = [
+        *filter(None, map(contradiction, judged)),
+        *contradictions(feasible, findings, plan.preparation.measured),
+    ]
     findings += fit_findings(estimate, conditions, feasible, physical, validations)
     judgement = overall_verdict(by_role(validations)[-1], facts)
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
@@ -297,9 +375,16 @@ def _split_logs(
 
 def _check_rows(observation: Observation, logs: Sequence[Path]) -> None:
     """Refuse logs that nothing is left of, or that measured nothing."""
-    if any(count and np.any(R[:, -1]) for count, R in zip(observation.counts, observation.factors, strict=True)):
+    if any(
+        count and np.any(R[:, -1])
+        for count, R in zip(observation.counts, observation.factors, strict=True)
+    ):
         return
-    problem = "no row is left: 'still' is above all speeds" if not any(observation.counts) else "all outputs are zero"
+    problem = (
+        "no row is left: 'still' is above all speeds"
+        if not any(observation.counts)
+        else "all outputs are zero"
+    )
     raise InputError(problem, source=", ".join(map(str, logs[:3])))
 
 
@@ -310,7 +395,11 @@ def _estimate(
     conditions: Conditioning,
     prior: Floats | None,
 ) -> Estimate:
-    if not conditions.is_complete and settings.estimator != "ridge" and not settings.known:
+    if (
+        not conditions.is_complete
+        and settings.estimator != "ridge"
+        and not settings.known
+    ):
         return minimum_norm(observation, data.plan.base.units)
     along_reference = settings.estimator == "iv"
     return fitted(
@@ -318,14 +407,20 @@ def _estimate(
         data.rows(),
         data.observation,
         prior=prior,
-        instruments=data.plan.rows(data.paths, "first", reference=True) if along_reference else None,
+        instruments=data.plan.rows(data.paths, "first", reference=True)
+        if along_reference
+        else None,
         batches=data.batches,
     )
 
 
 def _correlation(estimate: Estimate) -> float:
     """Rows that say as much as one: residuals that resemble their neighbours say less than their number."""
-    inflation = [value for value in estimate.diagnostics.get("inflation", {}).values() if np.isfinite(value)]
+    inflation = [
+        value
+        for value in estimate.diagnostics.get("inflation", {}).values()
+        if np.isfinite(value)
+    ]
     return max(1.0, float(np.mean(inflation))) if inflation else 1.0
 
 
@@ -341,7 +436,11 @@ def _tried(solve: Callable[[], Solved], unsolved: list[Finding]) -> Solved | Non
 
 
 def _physical(
-    setup: Setup, data: PassesOverData, observation: Observation, noise: Floats, prior: Prior | None
+    setup: Setup,
+    data: PassesOverData,
+    observation: Observation,
+    noise: Floats,
+    prior: Prior | None,
 ) -> PhysicalFit:
     base, settings = data.plan.base, setup.settings
     weights, pieces = _weights(noise), data.pieces(_PIECES)
@@ -360,8 +459,14 @@ def _physical(
 def _bounds(setup: Setup, base: BaseModel) -> Bounds:
     """Bounds of the physical fit that a set-up states; known parameters that are seen alone are fixed."""
     settings = setup.settings
-    alone = {name for name, seen in base.classification.items() if seen is Identifiability.ALONE}
-    fixed = {name: (value, value) for name, value in settings.known.items() if name in alone}
+    alone = {
+        name
+        for name, seen in base.classification.items()
+        if seen is Identifiability.ALONE
+    }
+    fixed = {
+        name: (value, value) for name, value in settings.known.items() if name in alone
+    }
     limits = {**fixed, **settings.parameters}
     bounds = Bounds(settings.bodies, limits, settings.total_mass)
     try:
@@ -371,12 +476,17 @@ def _bounds(setup: Setup, base: BaseModel) -> Bounds:
     return bounds
 
 
-def _feasibility(base: BaseModel, observation: Observation, estimate: Estimate, noise: Floats) -> Feasibility:
+def _feasibility(
+    base: BaseModel, observation: Observation, estimate: Estimate, noise: Floats
+) -> Feasibility:
     """Distances are measured by the classical covariance of as many rows as are independent.
 
     That of batches of time has no more rank than there are batches.
     """
-    covariance = _correlation(estimate) * solved(observation, base.units, _weights(noise)).inverse
+    covariance = (
+        _correlation(estimate)
+        * solved(observation, base.units, _weights(noise)).inverse
+    )
     return feasibility(base, estimate.values, covariance)
 
 
@@ -384,10 +494,16 @@ def _weights(noise: Floats) -> Floats:
     return np.where(np.isfinite(noise), 1 / noise, 0.0)
 
 
-def _without_friction(base: BaseModel, observation: Observation, noise: Floats) -> Floats | None:
+def _without_friction(
+    base: BaseModel, observation: Observation, noise: Floats
+) -> Floats | None:
     """Base parameters of a model fitted without friction, offsets and springs, shape (r,); None if there are none."""
     mechanism = base.mechanism
-    inertial = {e.parameter for e in mechanism.effects if all("qdd" in action.term for action in e.actions)}
+    inertial = {
+        e.parameter
+        for e in mechanism.effects
+        if all("qdd" in action.term for action in e.actions)
+    }
     kept = [
         k
         for k, p in enumerate(base.matrix.pivots)
@@ -397,15 +513,22 @@ def _without_friction(base: BaseModel, observation: Observation, noise: Floats) 
         return None
     triangle = observation.select(kept).combined(_weights(noise))
     found = np.zeros(base.rank)
-    found[kept] = np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0] / triangle.safe_scales
+    found[kept] = (
+        np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0]
+        / triangle.safe_scales
+    )
     return found
 
 
-def _is_doubtful(validations: Sequence[Validation], feasible: Feasibility | None) -> bool:
+def _is_doubtful(
+    validations: Sequence[Validation], feasible: Feasibility | None
+) -> bool:
     """Whether physics or predictions contradict the set-up, so that a mistake in it is looked for."""
     grades = [grade(score) for v in validations for score in v.scores]
     poor = any(found is not None and found < Grade.GOOD for found in grades)
-    return poor or (feasible is not None and feasible.feasible is False and feasible.distance > FAR)
+    return poor or (
+        feasible is not None and feasible.feasible is False and feasible.distance > FAR
+    )
 
 
 def _is_unexplained(validations: Sequence[Validation]) -> bool:
@@ -415,17 +538,30 @@ def _is_unexplained(validations: Sequence[Validation]) -> bool:
     return above or any(score.r2 < 1 - _EXPLAINED for score in judged.scores)
 
 
-def _judge(plan: Plan, samples: Iterable[Samples], values: Floats, setup: Setup, prior: Prior | None) -> Judge:
+def _judge(
+    plan: Plan,
+    samples: Iterable[Samples],
+    values: Floats,
+    setup: Setup,
+    prior: Prior | None,
+) -> Judge:
     """A judge of what may be wrong with some logs, or lacking in a model with some base parameters."""
     base, preparation = plan.base, plan.preparation
     free, gravity = free_gravity(base, setup.seed)
     states = States.of(samples, preparation.band or np.inf, base, values, gravity)
     columns = setup.columns[0] if setup.columns else ColumnMap()
     readings = Readings(free, states, columns, "qd" in (preparation.measured or ()))
-    return Judge(free, states, readings, prior=None if prior is None else prior.base_values(free, states.symbols))
+    return Judge(
+        free,
+        states,
+        readings,
+        prior=None if prior is None else prior.base_values(free, states.symbols),
+    )
 
 
-def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Path]) -> tuple[Validation, ...]:
+def _validations(
+    data: PassesOverData, models: Models, unseen_logs: Sequence[Path]
+) -> tuple[Validation, ...]:
     seen: list[Task] = [(path, "first", "identification") for path in data.paths]
     unseen: list[Task] = [(path, "all", "validation") for path in unseen_logs]
     if data.plan.holdout:
@@ -436,19 +572,36 @@ def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Pat
 
 
 def _misread_elsewhere(
-    setup: Setup, data: PassesOverData, values: Floats, validations: Sequence[Validation], unseen_logs: Sequence[Path]
+    setup: Setup,
+    data: PassesOverData,
+    values: Floats,
+    validations: Sequence[Validation],
+    unseen_logs: Sequence[Path],
 ) -> list[Finding]:
     """Mistakes in logs that are predicted poorly, where the fitted ones are not."""
     fitted = by_role(validations)[0].scores
     found = []
-    for log, validation in zip(unseen_logs, [v for v in validations if v.role == "validation"], strict=False):
-        grades = [(grade(seen), grade(unseen)) for seen, unseen in zip(fitted, validation.scores, strict=True)]
-        told = [(seen, unseen) for seen, unseen in grades if seen is not None and unseen is not None]
+    for log, validation in zip(
+        unseen_logs, [v for v in validations if v.role == "validation"], strict=False
+    ):
+        grades = [
+            (grade(seen), grade(unseen))
+            for seen, unseen in zip(fitted, validation.scores, strict=True)
+        ]
+        told = [
+            (seen, unseen)
+            for seen, unseen in grades
+            if seen is not None and unseen is not None
+        ]
         if any(seen >= Grade.USABLE > unseen for seen, unseen in told):
             base, preparation = data.plan.base, data.plan.preparation
-            states = States.of(data.samples(log, "all"), preparation.band or np.inf, base, values)
+            states = States.of(
+                data.samples(log, "all"), preparation.band or np.inf, base, values
+            )
             columns = setup.columns[0] if setup.columns else ColumnMap()
-            readings = Readings(base, states, columns, "qd" in (preparation.measured or ()))
+            readings = Readings(
+                base, states, columns, "qd" in (preparation.measured or ())
+            )
             judge = Judge(base, states, readings, values=values)
             mistake = judge.other_reading()
             words = judge.other_load() if mistake is None else mistake[0].words

@@ -26,7 +26,16 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.identification.cluster import each, summed
 from echelon.identification.rows.plan import Part, Plan
-from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, Rows, observed, plain, prefetched, stacked
+from echelon.identification.rows.rows import (
+    ModelRows,
+    Numbering,
+    RowBlock,
+    Rows,
+    observed,
+    plain,
+    prefetched,
+    stacked,
+)
 from echelon.identification.scores import Validation
 from echelon.identification.validation import LIMIT, Models, validated
 from echelon.logs.recording import Samples
@@ -60,7 +69,9 @@ class Batch:
         """Both, of which the other one follows."""
         sources = (self.sources[0], other.sources[1])
         whole = stacked(self.observation, other.observation)
-        return Batch(sources, self.start, other.stop, self.seconds + other.seconds, whole)
+        return Batch(
+            sources, self.start, other.stop, self.seconds + other.seconds, whole
+        )
 
     def __repr__(self) -> str:
         return f"Batch({self.name}: {self.observation.rows} rows)"
@@ -83,27 +94,42 @@ class Batcher:
 
     def cuts(self, start: float, stop: float) -> list[float]:
         """Where batches end within a stretch of time, with the ends of the stretch, s."""
-        low, high = (int((time - self._origin) // self._width) for time in (start, stop))
+        low, high = (
+            int((time - self._origin) // self._width) for time in (start, stop)
+        )
         inner = [self._origin + k * self._width for k in range(low + 1, high + 1)]
         return [start, *(time for time in inner if start < time < stop), stop]
 
     def pieces(self, block: RowBlock) -> Iterator[RowBlock]:
         """A block of rows cut where batches end."""
-        ends = [time for times in block.times if times.size for time in (times[0], times[-1])]
+        ends = [
+            time
+            for times in block.times
+            if times.size
+            for time in (times[0], times[-1])
+        ]
         if not ends:
             return
-        numbers = [((times - self._origin) // self._width).astype(int) for times in block.times]
-        low, high = (int((time - self._origin) // self._width) for time in (min(ends), max(ends)))
+        numbers = [
+            ((times - self._origin) // self._width).astype(int) for times in block.times
+        ]
+        low, high = (
+            int((time - self._origin) // self._width) for time in (min(ends), max(ends))
+        )
         bounds = [np.searchsorted(some, range(low, high + 2)) for some in numbers]
         for begins in pairwise(zip(*bounds, strict=True)):
             cuts = [slice(first, last) for first, last in zip(*begins, strict=True)]
             if any(cut.stop > cut.start for cut in cuts):
                 yield block.taken(cuts)
 
-    def add(self, source: str, start: float, stop: float, observation: Observation) -> None:
+    def add(
+        self, source: str, start: float, stop: float, observation: Observation
+    ) -> None:
         """Take in the factors of rows that lie within one batch."""
         number = int((0.5 * (start + stop) - self._origin) // self._width)
-        self._put(number, Batch((source, source), start, stop, stop - start, observation))
+        self._put(
+            number, Batch((source, source), start, stop, stop - start, observation)
+        )
         while len(self._found) > 2 * self._count:
             found, self._found = self._found, {}
             self._width *= 2
@@ -124,7 +150,11 @@ class Batcher:
 def grouped(batches: Sequence[Batch], count: int) -> list[Batch]:
     """Neighbouring batches merged into ``count`` or fewer."""
     bounds = [round(k * len(batches) / count) for k in range(count + 1)]
-    return [reduce(Batch.__add__, batches[low:high]) for low, high in pairwise(bounds) if high > low]
+    return [
+        reduce(Batch.__add__, batches[low:high])
+        for low, high in pairwise(bounds)
+        if high > low
+    ]
 
 
 def joined(first: Sequence[Batch], second: Sequence[Batch]) -> tuple[Batch, ...]:
@@ -172,13 +202,19 @@ class KeptRows(Rows):
         kept: list[RowBlock] = []
         left = self.memory
         for block in self.model.blocks():
-            left -= sum(some.nbytes for parts in (block.times, block.matrices, block.y) for some in parts)
+            left -= sum(
+                some.nbytes
+                for parts in (block.times, block.matrices, block.y)
+                for some in parts
+            )
             kept = [*kept, block] if left >= 0 else []
             yield block
         self._kept = tuple(kept) if left >= 0 else ()
 
 
-def ingest(plan: Plan, path: Path, count: int, memory: int = 0) -> tuple[tuple[Batch, ...], tuple[Samples, ...] | None]:
+def ingest(
+    plan: Plan, path: Path, count: int, memory: int = 0
+) -> tuple[tuple[Batch, ...], tuple[Samples, ...] | None]:
     """R-factors of what is fitted of a log, in stretches of time; and all its samples, if there is memory for them.
 
     Of a single stretch they are one batch, which can be merged with those of other logs.
@@ -204,7 +240,10 @@ class _Ingestion:
             self._keep(some)
             for piece in self._plan.parts(some, "first"):
                 stop = piece.end
-                self.batcher.begin(piece.start + piece.first / piece.rate, (stop - piece.first) / piece.rate)
+                self.batcher.begin(
+                    piece.start + piece.first / piece.rate,
+                    (stop - piece.first) / piece.rate,
+                )
                 if plain(piece):
                     self._fused(piece, stop)
                 else:
@@ -212,16 +251,31 @@ class _Ingestion:
 
     def factor(self, block: RowBlock) -> None:
         for piece in self.batcher.pieces(block):
-            ends = [time for times in piece.times if times.size for time in (times[0], times[-1])]
-            self.batcher.add(block.source, min(ends), max(ends), observed(self._model.layout, piece))
+            ends = [
+                time
+                for times in piece.times
+                if times.size
+                for time in (times[0], times[-1])
+            ]
+            self.batcher.add(
+                block.source, min(ends), max(ends), observed(self._model.layout, piece)
+            )
 
     def _fused(self, samples: Samples, stop: int) -> None:
-        cuts = self.batcher.cuts(*(samples.start + k / samples.rate for k in (samples.first, stop)))
-        places = [samples.first, *(round((cut - samples.start) * samples.rate) for cut in cuts[1:-1]), stop]
+        cuts = self.batcher.cuts(
+            *(samples.start + k / samples.rate for k in (samples.first, stop))
+        )
+        places = [
+            samples.first,
+            *(round((cut - samples.start) * samples.rate) for cut in cuts[1:-1]),
+            stop,
+        ]
         for first, last in pairwise(places):
             if last > first:
                 part = replace(samples, first=first, stop=last)
-                start, end = (samples.start + k / samples.rate for k in (first, last - 1))
+                start, end = (
+                    samples.start + k / samples.rate for k in (first, last - 1)
+                )
                 found = ModelRows.of(self._plan.base, [part]).observation()
                 self.batcher.add(samples.source, start, end, found)
 
@@ -235,7 +289,14 @@ class _Ingestion:
 
 def size_of(samples: Samples) -> int:
     """Bytes of memory that samples take."""
-    signals = (samples.q, samples.qd, samples.qdd, samples.y, samples.moving, *samples.inputs.values())
+    signals = (
+        samples.q,
+        samples.qd,
+        samples.qdd,
+        samples.y,
+        samples.moving,
+        *samples.inputs.values(),
+    )
     return sum(values.nbytes for values in signals if values is not None)
 
 
@@ -262,10 +323,21 @@ class PassesOverData:
         if len(self.paths) < BATCHES:
             parts = each(self.client, partial(function, count), self.plan, self.paths)
         else:
-            parts = iter(summed(self.client, partial(function, 1), joined, self.plan, self.paths, BATCHES))
+            parts = iter(
+                summed(
+                    self.client,
+                    partial(function, 1),
+                    joined,
+                    self.plan,
+                    self.paths,
+                    BATCHES,
+                )
+            )
         found = list(chain.from_iterable(parts))
         if not found:
-            raise InputError("nothing of the logs is left to fit: filters, gaps or slow motion took all samples")
+            raise InputError(
+                "nothing of the logs is left to fit: filters, gaps or slow motion took all samples"
+            )
         return found
 
     @cached_property
@@ -287,7 +359,12 @@ class PassesOverData:
         """Measured against predicted outputs."""
         limit = max(LIMIT // max(len(tasks), 1), _FEWEST)
         kept = self.samples if self.client is None else None
-        return each(self.client, partial(_judged, models, reference, limit, kept), self.plan, tasks)
+        return each(
+            self.client,
+            partial(_judged, models, reference, limit, kept),
+            self.plan,
+            tasks,
+        )
 
     def fitted(self) -> Iterable[Samples]:
         """Prepared samples of what is fitted."""
@@ -324,5 +401,15 @@ def _judged(
     """Scores of a log; a worker reads it once more."""
     path, part, role = task
     samples = (kept or plan.samples)(path, part)
-    found = validated(plan.rows([path]), samples, models, role=role, identification=reference, limit=limit)
-    return replace(found, source=f"{path} ({part} part)" if plan.holdout and part != "all" else str(path))
+    found = validated(
+        plan.rows([path]),
+        samples,
+        models,
+        role=role,
+        identification=reference,
+        limit=limit,
+    )
+    return replace(
+        found,
+        source=f"{path} ({part} part)" if plan.holdout and part != "all" else str(path),
+    )

@@ -60,11 +60,19 @@ class Payload:
         where = f"payload on '{self.body}'"
         for kind, value in self.known.items():
             if kind not in PARAMETERS:
-                raise InputError(f"'{kind}' is not a parameter of a body{nearest_of(kind, PARAMETERS)}", element=where)
+                raise InputError(
+                    f"'{kind}' is not a parameter of a body{nearest_of(kind, PARAMETERS)}",
+                    element=where,
+                )
             if not np.isfinite(value):
-                raise InputError(f"{kind} is {value}; expected a finite number", element=where)
+                raise InputError(
+                    f"{kind} is {value}; expected a finite number", element=where
+                )
         if not any(self.known.values()):
-            raise InputError("no parameter of it is known and not zero; weigh it and give its mass M", element=where)
+            raise InputError(
+                "no parameter of it is known and not zero; weigh it and give its mass M",
+                element=where,
+            )
 
     @staticmethod
     def of(body: str, standard: Sequence[float] | Floats) -> Payload:
@@ -78,7 +86,9 @@ class Payload:
         """
         values = np.asarray(standard, dtype=float)
         if values.shape != (PER_BODY,):
-            raise InputError(f"a payload has {PER_BODY} standard parameters; got an array of shape {values.shape}")
+            raise InputError(
+                f"a payload has {PER_BODY} standard parameters; got an array of shape {values.shape}"
+            )
         return Payload(body, dict(zip(PARAMETERS, values.tolist(), strict=True)))
 
     @property
@@ -107,16 +117,30 @@ class Payload:
         mechanism = base.mechanism
         names = [body.name for body in mechanism.bodies]
         if self.body not in names:
-            raise InputError(f"there is no body '{self.body}'{nearest_of(self.body, names)}", element="payload")
+            raise InputError(
+                f"there is no body '{self.body}'{nearest_of(self.body, names)}",
+                element="payload",
+            )
         place = names.index(self.body)
         bodies = tuple(
-            replace(body, label=LABEL, carried=ALL, inertial=None) if k == place else replace(body, carried=())
+            replace(body, label=LABEL, carried=ALL, inertial=None)
+            if k == place
+            else replace(body, carried=())
             for k, body in enumerate(mechanism.bodies)
         )
-        alone = replace(mechanism, name=f"payload on {self.body}", bodies=bodies, effects=())
-        found = base_parameters(alone, prefer=[kind + LABEL for kind in (*self.unknown, *self.known)], seed=base.seed)
+        alone = replace(
+            mechanism, name=f"payload on {self.body}", bodies=bodies, effects=()
+        )
+        found = base_parameters(
+            alone,
+            prefer=[kind + LABEL for kind in (*self.unknown, *self.known)],
+            seed=base.seed,
+        )
         if not found.rank:
-            raise InputError(f"no output sees a load on '{self.body}': put it on a body that moves", element="payload")
+            raise InputError(
+                f"no output sees a load on '{self.body}': put it on a body that moves",
+                element="payload",
+            )
         return found
 
     def known_values(self, load: BaseModel) -> dict[str, float]:
@@ -150,14 +174,19 @@ class JoinedRows(Rows):
     def __post_init__(self) -> None:
         a, b = self.first.layout, self.second.layout
         if a.outputs != b.outputs or set(a.parameters) & set(b.parameters):
-            raise InputError("rows to be joined need the same outputs and different parameters")
+            raise InputError(
+                "rows to be joined need the same outputs and different parameters"
+            )
 
     @property
     def layout(self) -> Layout:
         """Outputs, and the parameters of both."""
         a, b = self.first.layout, self.second.layout
         shift = len(a.parameters)
-        columns = tuple((*p, *(shift + c for c in q)) for p, q in zip(a.columns, b.columns, strict=True))
+        columns = tuple(
+            (*p, *(shift + c for c in q))
+            for p, q in zip(a.columns, b.columns, strict=True)
+        )
         return Layout(a.outputs, a.parameters + b.parameters, columns)
 
     @property
@@ -168,16 +197,26 @@ class JoinedRows(Rows):
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time, log after log."""
         for one, two in zip(self.first.blocks(), self.second.blocks(), strict=True):
-            if not all(np.array_equal(s, t) for s, t in zip(one.times, two.times, strict=True)):
-                raise InputError("rows to be joined are of different times", source=one.source)
+            if not all(
+                np.array_equal(s, t) for s, t in zip(one.times, two.times, strict=True)
+            ):
+                raise InputError(
+                    "rows to be joined are of different times", source=one.source
+                )
             pairs = zip(one.matrices, two.matrices, strict=True)
-            yield replace(one, matrices=tuple(np.concatenate(pair, axis=1) for pair in pairs))
+            yield replace(
+                one, matrices=tuple(np.concatenate(pair, axis=1) for pair in pairs)
+            )
 
 
-def loaded_rows(base: BaseModel, payload: Payload, samples: Sequence[Samples]) -> JoinedRows:
+def loaded_rows(
+    base: BaseModel, payload: Payload, samples: Sequence[Samples]
+) -> JoinedRows:
     """Rows of a run with a payload, for :func:`echelon.identification.gains.drive_gains`."""
     filled = [with_zeros(base, some) for some in samples]
-    return JoinedRows(ModelRows.of(base, filled), ModelRows.of(payload.base(base), filled))
+    return JoinedRows(
+        ModelRows.of(base, filled), ModelRows.of(payload.base(base), filled)
+    )
 
 
 def with_zeros(base: BaseModel, samples: Samples) -> Samples:

@@ -24,7 +24,12 @@ _LENGTHS = {"kg": 0, "kg·m": 1, "kg·m²": 2}
 
 def mass_findings(base: BaseModel, values: Floats) -> Iterator[Finding]:
     """A contradiction where identified base parameters, shape (r,), are those of a robot lighter than any."""
-    steps = [step for body in base.mechanism.bodies for step in body.joint.steps if isinstance(step, Placement)]
+    steps = [
+        step
+        for body in base.mechanism.bodies
+        for step in body.joint.steps
+        if isinstance(step, Placement)
+    ]
     length = largest_offset(steps, known_values(base.mechanism)) or SMALL
     masses = list(_masses(base, values, length))
     least = LIGHTEST * length**3
@@ -36,7 +41,9 @@ def mass_findings(base: BaseModel, values: Floats) -> Iterator[Finding]:
         yield warning("contradiction", "", text)
 
 
-def _masses(base: BaseModel, values: Sequence[float] | Floats, length: float) -> Iterator[float]:
+def _masses(
+    base: BaseModel, values: Sequence[float] | Floats, length: float
+) -> Iterator[float]:
     """Masses in kg that would have the inertial base parameters at a length in m."""
     for pivot, unit, value in zip(base.matrix.pivots, base.units, values, strict=True):
         if base.mechanism.columns[pivot].body is not None and np.isfinite(value):

@@ -80,7 +80,9 @@ def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Predicti
     model, zeta = plan.rows([path]), np.asarray(values, dtype=float)
     recordings, predicted = [], []
     rate = plan.preparation.rate
-    for piece in read_log(path, plan.base.mechanism, plan.columns, rate=rate, outputs=False):
+    for piece in read_log(
+        path, plan.base.mechanism, plan.columns, rate=rate, outputs=False
+    ):
         recordings.append(piece.recording)
         predicted.append(_at_rows(plan, model, zeta, piece))
     if not any(np.isfinite(some).any() for some in predicted):
@@ -95,7 +97,9 @@ def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Predicti
         np.concatenate([some.time for some in recordings]),
         np.concatenate(predicted),
         np.concatenate(measured) if measured else None,
-        validated(model, plan.samples(path), {"model": zeta}, role="validation").scores if measured else (),
+        validated(model, plan.samples(path), {"model": zeta}, role="validation").scores
+        if measured
+        else (),
     )
 
 
@@ -103,11 +107,17 @@ def _at_rows(plan: Plan, model: ModelRows, values: Floats, piece: LogPiece) -> F
     """Predicted outputs at the time stamps of a piece, shape (N, m)."""
     time, outputs = piece.recording.time, plan.base.mechanism.outputs
     found = np.full((len(time), len(outputs)), np.nan)
-    delays = [(plan.preparation.delays or {}).get(output.name, 0.0) for output in outputs]
+    delays = [
+        (plan.preparation.delays or {}).get(output.name, 0.0) for output in outputs
+    ]
     for start, rate, guess in _stretches(plan, model, values, piece.segments):
         clock = start + np.arange(len(guess)) / rate
-        rows = np.flatnonzero((time > clock[0] - 0.5 / rate) & (time < clock[-1] + 0.5 / rate))
-        for k, delay in enumerate(delays):  # what was predicted shows in an output that is late
+        rows = np.flatnonzero(
+            (time > clock[0] - 0.5 / rate) & (time < clock[-1] + 0.5 / rate)
+        )
+        for k, delay in enumerate(
+            delays
+        ):  # what was predicted shows in an output that is late
             found[rows, k] = np.interp(time[rows] - delay, clock, guess[:, k])
     return found
 
@@ -120,5 +130,7 @@ def _stretches(
     for segment in segments:
         piece = usable(segment, mechanism)
         q, qd, qdd = states(piece, plan.preparation, mechanism)
-        samples = Samples(piece.source, piece.start, piece.rate, q, qd, qdd, None, piece.inputs)
+        samples = Samples(
+            piece.source, piece.start, piece.rate, q, qd, qdd, None, piece.inputs
+        )
         yield piece.start, piece.rate, model.predict(samples, values)

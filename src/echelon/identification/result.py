@@ -41,18 +41,32 @@ class FittedRange:
     @property
     def speeds(self) -> str:
         """Such as ``j1 at 0.01 to 2 rad/s, without 3 of 900 rows near standstill``."""
-        at = f" at {self.slowest:.2g} to {self.fastest:.3g} {self.unit}" if np.isfinite(self.fastest) else ""
-        left_out = f", without {self.left_out} of {self.rows} rows near standstill" if self.left_out else ""
+        at = (
+            f" at {self.slowest:.2g} to {self.fastest:.3g} {self.unit}"
+            if np.isfinite(self.fastest)
+            else ""
+        )
+        left_out = (
+            f", without {self.left_out} of {self.rows} rows near standstill"
+            if self.left_out
+            else ""
+        )
         return f"{self.output}{at}{left_out}"
 
     def __str__(self) -> str:
         return f"{self.speeds}, up to {self.band:.3g} Hz"
 
 
-def fitted_ranges(preparation: Preparation, fitted: Validation) -> tuple[FittedRange, ...]:
+def fitted_ranges(
+    preparation: Preparation, fitted: Validation
+) -> tuple[FittedRange, ...]:
     """What every output was fitted to, by the scores of all fitted logs together."""
     still, band = preparation.still or 0.0, preparation.band or np.inf
-    slowest = still if isinstance(still, Mapping) else {score.output: still for score in fitted.scores}
+    slowest = (
+        still
+        if isinstance(still, Mapping)
+        else {score.output: still for score in fitted.scores}
+    )
     return tuple(
         FittedRange(
             score.output,
@@ -67,7 +81,12 @@ def fitted_ranges(preparation: Preparation, fitted: Validation) -> tuple[FittedR
     )
 
 
-def predicting(values: str, estimate: Estimate, essential: Estimate | None, physical: PhysicalFit | None) -> Floats:
+def predicting(
+    values: str,
+    estimate: Estimate,
+    essential: Estimate | None,
+    physical: PhysicalFit | None,
+) -> Floats:
     """Base parameters that predictions use, shape (r,)."""
     found = {
         "estimate": estimate.values,
@@ -75,7 +94,9 @@ def predicting(values: str, estimate: Estimate, essential: Estimate | None, phys
         "physical": None if physical is None else physical.base,
     }[values]
     if found is None:
-        raise InputError(f"predictions shall use the {values} values, which were not computed: switch them on")
+        raise InputError(
+            f"predictions shall use the {values} values, which were not computed: switch them on"
+        )
     return found
 
 
@@ -149,7 +170,9 @@ class Identification:
     @property
     def values(self) -> Floats:
         """Base parameters that predictions use, shape (r,)."""
-        return predicting(self.predict_with, self.estimate, self.essential, self.physical)
+        return predicting(
+            self.predict_with, self.estimate, self.essential, self.physical
+        )
 
     def to_dataframe(self) -> Any:
         """The base parameters as a data frame of pandas.
@@ -192,25 +215,51 @@ class Identification:
                 ("measured", trace.measured, _MEASURED),
                 ("predicted", trace.predicted, _PREDICTED),
             ):
-                line = Scattergl(x=trace.time, y=values, name=name, legendgroup=name, showlegend=row == 1)
-                found.add_trace(line.update(line={"color": colour, "width": 1}), row=row, col=1)
-            found.update_yaxes(title_text=f"{_safe(trace.output)}, {_safe(trace.unit)}", row=row, col=1)
+                line = Scattergl(
+                    x=trace.time,
+                    y=values,
+                    name=name,
+                    legendgroup=name,
+                    showlegend=row == 1,
+                )
+                found.add_trace(
+                    line.update(line={"color": colour, "width": 1}), row=row, col=1
+                )
+            found.update_yaxes(
+                title_text=f"{_safe(trace.output)}, {_safe(trace.unit)}", row=row, col=1
+            )
         found.update_xaxes(title_text="time, s", row=len(traces), col=1)
         return found.update_layout(height=160 * len(traces) + 80, margin={"t": 30})
 
     def _repr_html_(self) -> str:
         """The verdict, the scores and the first parameters."""
         judged = self.pooled[-1]
-        scores = [(score.output, f"{score.rms:.4g} {score.unit}", f"{score.r2:.4f}") for score in judged.scores]
+        scores = [
+            (score.output, f"{score.rms:.4g} {score.unit}", f"{score.r2:.4f}")
+            for score in judged.scores
+        ]
         columns = _columns(self)
-        shown = zip(*(columns[name][:_SHOWN] for name in ("expression", "value", "low", "high", "unit")), strict=True)
-        rows = [(name, f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit) for name, value, low, high, unit in shown]
+        shown = zip(
+            *(
+                columns[name][:_SHOWN]
+                for name in ("expression", "value", "low", "high", "unit")
+            ),
+            strict=True,
+        )
+        rows = [
+            (name, f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit)
+            for name, value, low, high, unit in shown
+        ]
         left = len(self.base.pivots) - len(rows)
-        unseen = "rows the fit did not see" if judged.role == "validation" else "fitted rows"
+        unseen = (
+            "rows the fit did not see" if judged.role == "validation" else "fitted rows"
+        )
         return (
             f"<b>{_safe(self.base.mechanism.name)}</b>: {_safe(self.verdict)}"
             + _table(("output", "rms", f"R² of {unseen}"), scores)
-            + _table(("base parameter", "value", "interval of the estimate", "unit"), rows)
+            + _table(
+                ("base parameter", "value", "interval of the estimate", "unit"), rows
+            )
             + (f"… {left} more" if left else "")
         )
 
@@ -237,7 +286,9 @@ def _columns(result: Identification) -> dict[str, Sequence[Any]]:
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     cells = "".join(f"<th>{_safe(cell)}</th>" for cell in head)
-    body = "".join(f"<tr>{''.join(f'<td>{_safe(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{_safe(cell)}</td>' for cell in row)}</tr>" for row in rows
+    )
     return f"<table><tr>{cells}</tr>{body}</table>"
 
 
@@ -245,8 +296,12 @@ def _safe(text: str) -> str:
     return escape(one_line(text))
 
 
-_MOST = 12  # findings of one kind that are shown; of more the first ones and their number
-_STRANGER = 0.3  # R² below which, for every output, the model has nothing to do with the data
+_MOST = (
+    12  # findings of one kind that are shown; of more the first ones and their number
+)
+_STRANGER = (
+    0.3  # R² below which, for every output, the model has nothing to do with the data
+)
 FAR = 5.0  # standard deviations to the nearest robot that noise alone does not bring about
 IMPOSSIBLE = 30.0
 """Standard deviations from which on the model contradicts physics: what filters and unmodelled effects do is below."""
@@ -254,11 +309,17 @@ _COSTLY = 1.5  # ratio of misfits from which on physical consistency costs more 
 
 
 def contradictions(
-    feasible: Feasibility | None, findings: Sequence[Finding], measured: Sequence[str] | None = ()
+    feasible: Feasibility | None,
+    findings: Sequence[Finding],
+    measured: Sequence[str] | None = (),
 ) -> list[str]:
     """Facts that contradict a model however well it predicts; rates do where they are taken as ``measured``."""
     facts = []
-    if feasible is not None and feasible.feasible is False and feasible.distance > IMPOSSIBLE:
+    if (
+        feasible is not None
+        and feasible.feasible is False
+        and feasible.distance > IMPOSSIBLE
+    ):
         away = f"{feasible.distance:.2g} standard deviations away"
         facts.append(f"no robot can have its parameters, the nearest is {away}")
     told = ("contradiction", "rates") if measured else ("contradiction",)
@@ -274,7 +335,11 @@ def fit_findings(
     validations: Sequence[Validation],
 ) -> list[Finding]:
     """What is wrong with a fit, or worth knowing."""
-    return [*_of_scores(validations), *_of_estimate(estimate, seen), *_of_physics(feasible, physical, estimate)]
+    return [
+        *_of_scores(validations),
+        *_of_estimate(estimate, seen),
+        *_of_physics(feasible, physical, estimate),
+    ]
 
 
 def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -284,10 +349,21 @@ def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     shown: list[Finding] = []
     kinds = list(dict.fromkeys((f.severity, f.kind) for f in unique))
     for severity, kind in kinds:
-        same = [finding for finding in unique if (finding.severity, finding.kind) == (severity, kind)]
+        same = [
+            finding
+            for finding in unique
+            if (finding.severity, finding.kind) == (severity, kind)
+        ]
         shown += same[:_MOST]
         if len(same) > _MOST:
-            shown.append(Finding(severity, kind, "", f"{len(same) - _MOST} more findings of this kind ({kind})"))
+            shown.append(
+                Finding(
+                    severity,
+                    kind,
+                    "",
+                    f"{len(same) - _MOST} more findings of this kind ({kind})",
+                )
+            )
     return tuple(shown)
 
 
@@ -300,7 +376,12 @@ def _of_scores(validations: Sequence[Validation]) -> Iterable[Finding]:
                 "columns exchanged, or their signs or units wrong?"
             )
             yield warning("stranger", validation.source, text)
-    told = [score for validation in validations for score in validation.scores if score.raw.deviation > 0]
+    told = [
+        score
+        for validation in validations
+        for score in validation.scores
+        if score.raw.deviation > 0
+    ]
     if told and all(score.is_computed for score in told):
         noise = max(score.noise / score.raw.deviation for score in told)
         text = (
@@ -326,17 +407,25 @@ def _of_estimate(estimate: Estimate, seen: Conditioning) -> Iterable[Finding]:
         yield warning("convergence", "", text)
 
 
-def _of_physics(feasible: Feasibility | None, physical: PhysicalFit | None, estimate: Estimate) -> Iterable[Finding]:
+def _of_physics(
+    feasible: Feasibility | None, physical: PhysicalFit | None, estimate: Estimate
+) -> Iterable[Finding]:
     if feasible is not None and feasible.feasible is False:
         away = f"{feasible.distance:.2g} standard deviations away"
         text = f"no physical robot has the estimated base parameters; the nearest one is {away}"
         if feasible.distance <= FAR:
             yield note("feasibility", "", f"{text}, as noise does")
         else:
-            wrong = "columns are exchanged, or their signs or units wrong, or " * (feasible.distance > IMPOSSIBLE)
-            yield warning("feasibility", "", f"{text}: {wrong}the model lacks something")
+            wrong = "columns are exchanged, or their signs or units wrong, or " * (
+                feasible.distance > IMPOSSIBLE
+            )
+            yield warning(
+                "feasibility", "", f"{text}: {wrong}the model lacks something"
+            )
     rows = max(sum(estimate.rows), 1)
-    if physical is not None and physical.misfit > _COSTLY * max(physical.unconstrained_misfit, rows):
+    if physical is not None and physical.misfit > _COSTLY * max(
+        physical.unconstrained_misfit, rows
+    ):
         more = (physical.misfit - physical.unconstrained_misfit) / rows
         text = f"physical consistency raises the squares by {more:.2g} noise variances per row: is the model complete?"
         yield warning("physics", "", text)

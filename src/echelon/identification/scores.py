@@ -21,8 +21,12 @@ from echelon.logs.finding import enumerated
 
 ROLES = ("identification", "validation")  # whether the fit saw the data
 
-_EXPLAINED = 1e-3  # what no fit to measured samples leaves: friction alone is less regular
-_NOISELESS = 1e-4  # of an output's deviation: noise of the best sensors is ten times as large
+_EXPLAINED = (
+    1e-3  # what no fit to measured samples leaves: friction alone is less regular
+)
+_NOISELESS = (
+    1e-4  # of an output's deviation: noise of the best sensors is ten times as large
+)
 _NAN = float("nan")
 
 
@@ -36,7 +40,9 @@ class Trace:
     measured: Floats  # shape (k,)
     predicted: Floats  # shape (k,)
     prior: Floats | None = None  # shape (k,); prediction of the model one had before
-    speed: Floats | None = None  # shape (k,), rad/s or m/s; of the output's first joint or drive, None for wrenches
+    speed: Floats | None = (
+        None  # shape (k,), rad/s or m/s; of the output's first joint or drive, None for wrenches
+    )
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,11 @@ class Fit:
     @property
     def percent(self) -> float:
         """The root mean square in per cent of the range of the measured values."""
-        return 100 * self.rms / (self.high - self.low) if self.high > self.low else float("nan")
+        return (
+            100 * self.rms / (self.high - self.low)
+            if self.high > self.low
+            else float("nan")
+        )
 
     def __add__(self, other: Fit) -> Fit:
         """Of both sets of rows; merged without cancellation (Chan, Golub and LeVeque 1983)."""
@@ -75,7 +85,13 @@ class Fit:
             float(np.sqrt(mine * self.rms**2 + its * other.rms**2)),
             mine * self.bias + its * other.bias,
             mine * self.mean + its * other.mean,
-            float(np.sqrt(mine * self.deviation**2 + its * other.deviation**2 + mine * its * apart)),
+            float(
+                np.sqrt(
+                    mine * self.deviation**2
+                    + its * other.deviation**2
+                    + mine * its * apart
+                )
+            ),
             min(self.low, other.low),
             max(self.high, other.high),
         )
@@ -97,7 +113,10 @@ def fits(measured: Floats, predicted: Floats) -> list[Fit]:
     y = np.ascontiguousarray(measured)
     about = (float(y.mean()), float(y.std()), float(y.min()), float(y.max()))
     residuals = (y - predicted[:, k] for k in range(models))
-    return [Fit(count, float(np.sqrt(e @ e / count)), float(e.mean()), *about) for e in residuals]
+    return [
+        Fit(count, float(np.sqrt(e @ e / count)), float(e.mean()), *about)
+        for e in residuals
+    ]
 
 
 @dataclass(frozen=True)
@@ -111,8 +130,12 @@ class Score:
     raw: Fit  # all samples as they were measured, without a filter
     noise: float = _NAN  # standard deviation of what is white in the measured samples: the noise of the sensor
     correlation_time: float = _NAN  # integrated autocorrelation time of the residual, s: how far it is from white
-    whiteness: float = _NAN  # probability that white noise has autocorrelations this large (Ljung–Box)
-    fastest: float = _NAN  # largest speed of its joint or actuator, rad/s or m/s; nan for a wrench
+    whiteness: float = (
+        _NAN  # probability that white noise has autocorrelations this large (Ljung–Box)
+    )
+    fastest: float = (
+        _NAN  # largest speed of its joint or actuator, rad/s or m/s; nan for a wrench
+    )
 
     @property
     def rows(self) -> int:
@@ -142,7 +165,11 @@ class Score:
     @property
     def r2_without_bias(self) -> float:
         """R² of what is left when the mean of the residual is taken off, as an offset of the sensor would be."""
-        return self.r2 if self.rms == 0 else 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
+        return (
+            self.r2
+            if self.rms == 0
+            else 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
+        )
 
     @property
     def is_below_noise(self) -> bool:
@@ -175,17 +202,29 @@ class Score:
     def is_computed(self) -> bool:
         """Whether the output is too good to be measured: without noise, and predicted before any filter."""
         # noise of exactly zero is that of steps, which a coarse sensor has
-        return 0 < self.noise < _NOISELESS * self.raw.deviation and 1 - self.raw.r2 < _EXPLAINED
+        return (
+            0 < self.noise < _NOISELESS * self.raw.deviation
+            and 1 - self.raw.r2 < _EXPLAINED
+        )
 
     def __add__(self, other: Score) -> Score:
         """Of the rows of two logs; of times and probabilities the worse."""
-        whole, moving, raw = (getattr(self, name) + getattr(other, name) for name in ("whole", "moving", "raw"))
+        whole, moving, raw = (
+            getattr(self, name) + getattr(other, name)
+            for name in ("whole", "moving", "raw")
+        )
         weights = (self.raw.rows, other.raw.rows)
-        noise = float(np.sqrt(np.average([self.noise**2, other.noise**2], weights=weights))) if any(weights) else _NAN
+        noise = (
+            float(np.sqrt(np.average([self.noise**2, other.noise**2], weights=weights)))
+            if any(weights)
+            else _NAN
+        )
         time = float(np.fmax(self.correlation_time, other.correlation_time))
         white = float(np.fmin(self.whiteness, other.whiteness))
         fastest = float(np.fmax(self.fastest, other.fastest))
-        return Score(self.output, self.unit, whole, moving, raw, noise, time, white, fastest)
+        return Score(
+            self.output, self.unit, whole, moving, raw, noise, time, white, fastest
+        )
 
 
 @dataclass(frozen=True)
@@ -204,7 +243,12 @@ class Validation:
     def beside(self, output: str) -> dict[str, Score]:
         """Scores of the models that it is compared with, by their names."""
         both = {"prior": self.prior_scores, "plain": self.plain_scores}
-        return {name: score for name, scores in both.items() for score in scores if score.output == output}
+        return {
+            name: score
+            for name, scores in both.items()
+            for score in scores
+            if score.output == output
+        }
 
 
 def pooled(validations: Sequence[Validation]) -> Validation:
@@ -213,10 +257,15 @@ def pooled(validations: Sequence[Validation]) -> Validation:
     if len(validations) == 1:
         return first
     scores, prior, plain = (
-        tuple(reduce(Score.__add__, scores) for scores in zip(*(getattr(v, name) for v in validations), strict=True))
+        tuple(
+            reduce(Score.__add__, scores)
+            for scores in zip(*(getattr(v, name) for v in validations), strict=True)
+        )
         for name in ("scores", "prior_scores", "plain_scores")
     )
-    found = Validation(f"{len(validations)} logs together", first.role, scores, prior, plain)
+    found = Validation(
+        f"{len(validations)} logs together", first.role, scores, prior, plain
+    )
     return replace(found, verdict=verdict(found))
 
 
@@ -260,7 +309,13 @@ def grade(score: Score) -> Grade | None:
         return None
     if score.r2 <= 0:
         return Grade.USELESS
-    return Grade.GOOD if score.r2 >= GOOD else Grade.USABLE if score.r2 >= USABLE else Grade.POOR
+    return (
+        Grade.GOOD
+        if score.r2 >= GOOD
+        else Grade.USABLE
+        if score.r2 >= USABLE
+        else Grade.POOR
+    )
 
 
 def verdict(validation: Validation, identification: Validation | None = None) -> str:
@@ -280,7 +335,9 @@ class Judgement:
     """What all logs together say of a model."""
 
     text: str  # the verdict in words
-    reasons: tuple[str, ...]  # why the model should not be used; empty if nothing speaks against it
+    reasons: tuple[
+        str, ...
+    ]  # why the model should not be used; empty if nothing speaks against it
 
 
 def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
@@ -289,23 +346,35 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     All outputs are graded alike, by R² over all rows; only those of which nothing can be said are not graded, because
     no model could explain them.
     """
-    told = [(score, found) for score in judged.scores if (found := grade(score)) is not None]
+    told = [
+        (score, found) for score in judged.scores if (found := grade(score)) is not None
+    ]
     silent = _silent(judged.scores)
     if not told:
         text = f"Nothing can be said on {_data(judged)} ({judged.source}): {_listed(silent)}"
         if not any(score.is_at_rest for score in judged.scores):
             noisy = any(score.is_below_noise for score in judged.scores)
-            text = "Nothing can be said: no output varied" + " by more than its sensor's noise" * noisy
+            text = (
+                "Nothing can be said: no output varied"
+                + " by more than its sensor's noise" * noisy
+            )
         return Judgement(f"{text}.", (text, *facts))
     worst, lowest = min(told, key=lambda entry: (entry[1], entry[0].r2))
     sentences = [_headline(lowest, worst, judged, facts)]
-    sentences += [f"Of {outputs} nothing can be said: {reason}." for reason, outputs in silent.items()]
+    sentences += [
+        f"Of {outputs} nothing can be said: {reason}."
+        for reason, outputs in silent.items()
+    ]
     if all(score.is_computed for score, _ in told):
         sentences.append("The outputs have no noise: they look computed, not measured.")
     unexplained = [score for score, _ in told if score.by_noise > UNEXPLAINED]
     if unexplained and not facts:
         most = max(unexplained, key=lambda score: score.by_noise)
-        outputs = "every output" if len(unexplained) == len(told) > 1 else enumerated([s.output for s in unexplained])
+        outputs = (
+            "every output"
+            if len(unexplained) == len(told) > 1
+            else enumerated([s.output for s in unexplained])
+        )
         sentences.append(
             f"What is left of {outputs} is up to {most.by_noise:.2g} times the noise of the sensor: something is not "
             "modelled, so parameters may be further off than their intervals say."
@@ -314,8 +383,15 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
         sentences.append("Without other data it stays open whether it carries over.")
     if judged.prior_scores and _total(judged.prior_scores, judged.scores) * PRIOR < 1:
         sentences.append("The prior model predicts better.")
-    low = [f"{score.output} has R² {score.r2:.3g}" for score, found in told if found < Grade.USABLE]
-    return Judgement(" ".join(sentences), (*([f"on {_data(judged)}, {', '.join(low)}"] if low else []), *facts))
+    low = [
+        f"{score.output} has R² {score.r2:.3g}"
+        for score, found in told
+        if found < Grade.USABLE
+    ]
+    return Judgement(
+        " ".join(sentences),
+        (*([f"on {_data(judged)}, {', '.join(low)}"] if low else []), *facts),
+    )
 
 
 _WORDS = {
@@ -326,18 +402,28 @@ _WORDS = {
 }
 
 
-def _headline(lowest: Grade, worst: Score, judged: Validation, facts: Sequence[str]) -> str:
+def _headline(
+    lowest: Grade, worst: Score, judged: Validation, facts: Sequence[str]
+) -> str:
     """The first sentence: how well the worst output is predicted, and what contradicts the model."""
     raw = f", {worst.raw.r2:.4g} without a filter" if np.isfinite(worst.raw.r2) else ""
     text = f"on {_data(judged)}; the least is R² {worst.r2:.4g} of {worst.output}{raw} ({judged.source})"
     if not facts:
         return f"{_WORDS[lowest]} {text}."
-    words = "The model should not be used, whatever it predicts" if lowest >= Grade.USABLE else _WORDS[lowest]
+    words = (
+        "The model should not be used, whatever it predicts"
+        if lowest >= Grade.USABLE
+        else _WORDS[lowest]
+    )
     return f"{words} {text}: {'; '.join(facts)}."
 
 
 def _data(judged: Validation) -> str:
-    return "data that the fit did not see" if judged.role == "validation" else "the data it was fitted to"
+    return (
+        "data that the fit did not see"
+        if judged.role == "validation"
+        else "the data it was fitted to"
+    )
 
 
 # -- sentences --------------------------------------------------------------------------------------------------------
@@ -378,16 +464,30 @@ def _listed(silent: Mapping[str, str]) -> str:
 
 def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]:
     known = {s.output: s.rms for s in fitted if s.rms > 0}
-    ratios = {s.output: s.rms / known[s.output] for s in scores if s.output in known and np.isfinite(s.rms)}
+    ratios = {
+        s.output: s.rms / known[s.output]
+        for s in scores
+        if s.output in known and np.isfinite(s.rms)
+    }
     worse = {name: ratio for name, ratio in ratios.items() if ratio > OVERFIT}
     if not ratios:
         return []
     if not worse:
-        quiet = [s.output for s in scores if s.output in ratios and (grade(s) or Grade.USELESS) < Grade.USABLE]
-        why = f"; R² of {enumerated(quiet)} is low because the output varies little here" if quiet else ""
+        quiet = [
+            s.output
+            for s in scores
+            if s.output in ratios and (grade(s) or Grade.USELESS) < Grade.USABLE
+        ]
+        why = (
+            f"; R² of {enumerated(quiet)} is low because the output varies little here"
+            if quiet
+            else ""
+        )
         return [f"Residuals are as on the data it was fitted to: it carries over{why}."]
     shown = enumerated([f"{name} ({ratio:.2g} times)" for name, ratio in worse.items()])
-    return [f"Residuals are larger than on the data it was fitted to for {shown}: overfitted, or these data hold more."]
+    return [
+        f"Residuals are larger than on the data it was fitted to for {shown}: overfitted, or these data hold more."
+    ]
 
 
 def _against_prior(validation: Validation) -> list[str]:
@@ -402,7 +502,13 @@ def _against_prior(validation: Validation) -> list[str]:
     better = [name for name, ratio in pairs if ratio > PRIOR]
     if not worse and not better:
         return ["It predicts like the prior model."]
-    some = "every output" if len(better) == len(pairs) else enumerated(better) if better else "no output"
+    some = (
+        "every output"
+        if len(better) == len(pairs)
+        else enumerated(better)
+        if better
+        else "no output"
+    )
     text = f"It beats the prior model on {some}"
     return [text + (f", which is better on {enumerated(worse)}." if worse else ".")]
 
@@ -412,11 +518,17 @@ def _left(scores: Sequence[Score]) -> list[str]:
     biased = [s for s in scores if s.rms > 0 and abs(s.bias) > BIAS * s.rms]
     if biased:
         shown = enumerated([f"{s.output} ({s.bias:.3g} {s.unit})" for s in biased])
-        found.append(f"Residuals are biased for {shown}: an offset is missing or has drifted.")
+        found.append(
+            f"Residuals are biased for {shown}: an offset is missing or has drifted."
+        )
     coloured = [s for s in scores if s.whiteness < WHITE]
     if coloured:
         longest = max(coloured, key=lambda s: s.correlation_time)
-        who = "any output" if len(coloured) == len(scores) else enumerated([s.output for s in coloured])
+        who = (
+            "any output"
+            if len(coloured) == len(scores)
+            else enumerated([s.output for s in coloured])
+        )
         found.append(
             f"Residuals are not white for {who} (correlated over up to {longest.correlation_time:.2g} s): "
             "the model misses something, and intervals that take them for white are too narrow."

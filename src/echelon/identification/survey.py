@@ -27,7 +27,11 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.identification.band import Noisy, slower, with_band
-from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
+from echelon.identification.conditioning import (
+    Conditioning,
+    conditioning,
+    without_rounding,
+)
 from echelon.identification.estimators.least_squares import noise_estimate
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.judge import Judge
@@ -58,44 +62,66 @@ _SAMPLES, _WHOLE = 10_000, 40_000
 logs are looked at as a whole, on their own clock if it gives no more: between samples of a slow one friction turns."""
 
 
-def with_delays(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> Preparation:
+def with_delays(
+    preparation: Preparation, segments: Sequence[Segment], base: BaseModel
+) -> Preparation:
     """The preparation with delays estimated, where it leaves them open."""
     if preparation.delays is not None:
         return preparation
     rate = max(segments, key=len).rate
     longest = max(_LONGEST, _PERIODS / rate)
     tried = np.linspace(-longest, longest, 2 * _STEPS + 1)
-    squares = _residuals(preparation.model_copy(update={"delays": {}}), segments, base, tried)
+    squares = _residuals(
+        preparation.model_copy(update={"delays": {}}), segments, base, tried
+    )
     tried, squares = _between(tried, squares)
     delay, gain = _best(tried, squares)
     delay = delay if gain >= _GAIN else 0.0
     found = {output.name: delay for output in base.mechanism.outputs if delay}
     text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
     if not delay:
-        text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
+        text = (
+            f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
+        )
     for k, output in enumerate(base.mechanism.outputs):
-        own, share = _best(tried, squares[:, [k]], np.interp(delay, tried, squares[:, k]))
+        own, share = _best(
+            tried, squares[:, [k]], np.interp(delay, tried, squares[:, k])
+        )
         if share >= 2 * _GAIN and abs(own - delay) > 0.5 / rate:
             found[output.name] = own
             text += f"; {output.name} {1e3 * own:.2g} ms, which removes {share:.0%} of what is left of it"
-    return preparation.model_copy(update={"delays": found, "reasons": {**preparation.reasons, "delays": text}})
+    return preparation.model_copy(
+        update={"delays": found, "reasons": {**preparation.reasons, "delays": text}}
+    )
 
 
-def _residuals(preparation: Preparation, segments: Sequence[Segment], base: BaseModel, delays: Floats) -> Floats:
+def _residuals(
+    preparation: Preparation,
+    segments: Sequence[Segment],
+    base: BaseModel,
+    delays: Floats,
+) -> Floats:
     """Squares of each output's residual for each delay, shape (delays, outputs)."""
     count = len(base.mechanism.outputs)
     matrices: list[list[Floats]] = [[] for _ in range(count)]
     values: list[list[Floats]] = [[] for _ in range(count)]
-    least, fast = SAMPLED * (preparation.band or np.inf), _WHOLE / sum(len(segment) for segment in segments)
+    least, fast = (
+        SAMPLED * (preparation.band or np.inf),
+        _WHOLE / sum(len(segment) for segment in segments),
+    )
     left = _WHOLE if fast * segments[0].rate > least else _SAMPLES
     for segment in segments:
         if len(segment) / segment.rate < _SHORTEST or left <= 0:
             continue
         begun = slower(segment, max(least, fast * segment.rate), left)
         left -= len(begun)
-        if len(begun) <= PreparationPlan(preparation, base.mechanism, begun.rate).needed + 2 * _margin(begun, delays):
+        if len(begun) <= PreparationPlan(
+            preparation, base.mechanism, begun.rate
+        ).needed + 2 * _margin(begun, delays):
             continue
-        samples = _inner(prepare(begun, preparation, base.mechanism), _margin(begun, delays))
+        samples = _inner(
+            prepare(begun, preparation, base.mechanism), _margin(begun, delays)
+        )
         blocks = list(ModelRows.of(base, [samples]).blocks())
         assert samples.y is not None
         for output in range(count):
@@ -103,7 +129,13 @@ def _residuals(preparation: Preparation, segments: Sequence[Segment], base: Base
             values[output].append(_late(samples, samples.y[:, output], output, delays))
     if not values[0]:
         return np.zeros((len(delays), count))
-    return np.stack([_rest(np.vstack(a), np.vstack(b)) for a, b in zip(matrices, values, strict=True)], axis=1)
+    return np.stack(
+        [
+            _rest(np.vstack(a), np.vstack(b))
+            for a, b in zip(matrices, values, strict=True)
+        ],
+        axis=1,
+    )
 
 
 def _late(samples: Samples, y: Floats, output: int, delays: Floats) -> Floats:
@@ -121,7 +153,11 @@ def _margin(segment: Segment, delays: Floats) -> int:
 
 def _inner(samples: Samples, margin: int) -> Samples:
     """The samples without those near the ends."""
-    return replace(samples, first=max(samples.first, margin), stop=min(samples.end, len(samples) - margin))
+    return replace(
+        samples,
+        first=max(samples.first, margin),
+        stop=min(samples.end, len(samples) - margin),
+    )
 
 
 def _rest(matrix: Floats, values: Floats) -> Floats:
@@ -131,10 +167,14 @@ def _rest(matrix: Floats, values: Floats) -> Floats:
     R = upper_triangle(matrix)
     scales = safe_norms(R)
     singular, right = np.linalg.svd(R / scales)[1:]
-    rank = int(np.sum(singular > np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)))
+    rank = int(
+        np.sum(singular > np.finfo(float).eps * len(matrix) * singular.max(initial=0.0))
+    )
     basis = matrix @ (right[:rank] / singular[:rank, None] / scales).T
     rest = values
-    for _ in range(2):  # what rounding leaves of the first projection, the second takes away
+    for _ in range(
+        2
+    ):  # what rounding leaves of the first projection, the second takes away
         rest = rest - basis @ (basis.T @ rest)
     squares: Floats = np.sum(rest**2, axis=0)
     return squares
@@ -145,10 +185,14 @@ def _between(delays: Floats, squares: Floats) -> tuple[Floats, Floats]:
     with extra("identify"):
         from scipy.interpolate import CubicSpline
     many = np.linspace(delays[0], delays[-1], _BETWEEN * (len(delays) - 1) + 1)
-    return many, np.maximum(CubicSpline(delays, squares)(many), _LEFT * squares.min(axis=0))
+    return many, np.maximum(
+        CubicSpline(delays, squares)(many), _LEFT * squares.min(axis=0)
+    )
 
 
-def _best(delays: Floats, squares: Floats, before: float | None = None) -> tuple[float, float]:
+def _best(
+    delays: Floats, squares: Floats, before: float | None = None
+) -> tuple[float, float]:
     """The delay with the smallest residuals, and the share it removes of the squares ``before``, or at delay zero."""
     told = squares[:, (squares > 0).all(axis=0)]
     if not told.size:
@@ -162,7 +206,9 @@ def _best(delays: Floats, squares: Floats, before: float | None = None) -> tuple
 
 
 _LOGS = 64  # logs that are looked at; of a long log, its first piece
-_MOST_SAMPLES = 1 << 18  # samples that choices are made from; faults are looked for in the first piece of every log
+_MOST_SAMPLES = (
+    1 << 18
+)  # samples that choices are made from; faults are looked for in the first piece of every log
 
 
 @dataclass(frozen=True)
@@ -174,7 +220,9 @@ class Survey:
     noisy: Noisy | None = None  # what noise of the positions does to an estimate
 
 
-def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequence[Path] = ()) -> Survey:
+def survey(
+    setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequence[Path] = ()
+) -> Survey:
     """Look at the logs and choose what the set-up leaves open."""
     segments: list[Segment] = []
     findings: list[Finding] = []
@@ -199,12 +247,21 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
     return Survey(preparation, tuple(findings), noisy)
 
 
-def _short(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> list[Finding]:
+def _short(
+    preparation: Preparation, segments: Sequence[Segment], base: BaseModel
+) -> list[Finding]:
     """What is said of stretches that filters leave nothing of."""
-    short = [s for s in segments if PreparationPlan(preparation, base.mechanism, s.rate).is_short(s)]
+    short = [
+        s
+        for s in segments
+        if PreparationPlan(preparation, base.mechanism, s.rate).is_short(s)
+    ]
     if not short:
         return []
-    needed = PreparationPlan(preparation, base.mechanism, short[0].rate).needed / short[0].rate
+    needed = (
+        PreparationPlan(preparation, base.mechanism, short[0].rate).needed
+        / short[0].rate
+    )
     lost = sum(len(segment) / segment.rate for segment in short)
     stretches = counted(len(short), "stretch is", "stretches are")
     text = f"{stretches} shorter than the {needed:.3g} s that filters need; left out ({lost:.3g} s in all)"
@@ -212,7 +269,10 @@ def _short(preparation: Preparation, segments: Sequence[Segment], base: BaseMode
 
 
 def _first_piece(setup: Setup, path: Path) -> LogPiece:
-    piece = next(read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate), None)
+    piece = next(
+        read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate),
+        None,
+    )
     if piece is None:
         raise InputError("the log is empty", source=str(path))
     return piece
@@ -237,7 +297,9 @@ class FirstLook:
 
     base: BaseModel
     seconds: float  # of what was looked at
-    columns: tuple[ColumnMap, ...]  # what the columns of each kind of log were taken for
+    columns: tuple[
+        ColumnMap, ...
+    ]  # what the columns of each kind of log were taken for
     survey: Survey
     travels: tuple[Travel, ...]
     conditioning: Conditioning
@@ -255,10 +317,18 @@ def first_look(setup: Setup, paths: Sequence[Path]) -> FirstLook:
     plan = Plan(base, setup.columns, surveyed.preparation)
     samples = list(_beginnings(plan, paths))
     if not samples:
-        raise InputError("nothing of these logs is left after their preparation", source=", ".join(map(str, paths[:3])))
-    observation = without_rounding(ModelRows.of(base, samples).observation(), base.units)
+        raise InputError(
+            "nothing of these logs is left after their preparation",
+            source=", ".join(map(str, paths[:3])),
+        )
+    observation = without_rounding(
+        ModelRows.of(base, samples).observation(), base.units
+    )
     seen = conditioning(observation, 1 / noise_estimate(observation), base)
-    seconds, travels = sum(len(s) / s.rate for s in samples), tuple(_travels(base, samples))
+    seconds, travels = (
+        sum(len(s) / s.rate for s in samples),
+        tuple(_travels(base, samples)),
+    )
     return FirstLook(base, seconds, setup.columns, surveyed, travels, seen)
 
 
@@ -275,15 +345,24 @@ def _beginnings(plan: Plan, paths: Sequence[Path]) -> Iterator[Samples]:
 
 def _travels(base: BaseModel, samples: Sequence[Samples]) -> Iterator[Travel]:
     of = base.mechanism
-    q, qd = (np.concatenate([getattr(some, name) for some in samples]) for name in ("q", "qd"))
-    names, rates = signal_names(of, "q", q.shape[1]), signal_names(of, "qd", qd.shape[1])
+    q, qd = (
+        np.concatenate([getattr(some, name) for some in samples])
+        for name in ("q", "qd")
+    )
+    names, rates = (
+        signal_names(of, "q", q.shape[1]),
+        signal_names(of, "qd", qd.shape[1]),
+    )
     speeds: dict[str, Floats] = dict(zip(rates, qd.T, strict=True))
     for name, values in zip(names, q.T, strict=True):
         speed = float(np.abs(speeds[name]).max()) if name in speeds else float("nan")
         yield Travel(name, float(values.min()), float(values.max()), speed)
 
 
-_NICE, _NEAR = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 10.0), 0.02
+_NICE, _NEAR = (
+    (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 10.0),
+    0.02,
+)
 """Rates at which robots are logged, in powers of ten, and how near a rate is to one of them that it is."""
 _EXPLAINED = 0.1  # of the outputs' spread, that is left with a rate that explains them
 

@@ -22,8 +22,24 @@ import numpy.typing as npt
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_filtered, rows_measured, rows_taken
-from echelon.identification.scores import EMPTY, ROLES, Fit, Score, Trace, Validation, fits, verdict
+from echelon.identification.rows.rows import (
+    ModelRows,
+    Numbering,
+    prefetched,
+    rows_filtered,
+    rows_measured,
+    rows_taken,
+)
+from echelon.identification.scores import (
+    EMPTY,
+    ROLES,
+    Fit,
+    Score,
+    Trace,
+    Validation,
+    fits,
+    verdict,
+)
 from echelon.logs.preparation.prepare import speed_rows, velocity_names
 from echelon.logs.recording import Samples
 from echelon.mechanism.mechanism import Mechanism
@@ -49,12 +65,18 @@ class Predicted:
     measured: tuple[Floats, ...]  # shape (k_i,), after the filter of both sides
     predicted: tuple[Floats, ...]  # shape (k_i, models)
     moving: tuple[Flags, ...]  # shape (k_i,)
-    samples: tuple[tuple[Floats, Floats], ...] = ()  # shapes (N,) and (N, models): without a filter
+    samples: tuple[
+        tuple[Floats, Floats], ...
+    ] = ()  # shapes (N,) and (N, models): without a filter
     fastest: tuple[float, ...] = ()  # largest speeds, rad/s or m/s
-    speeds: tuple[Floats | None, ...] = ()  # shape (k_i,), filtered like both sides; None for wrenches
+    speeds: tuple[
+        Floats | None, ...
+    ] = ()  # shape (k_i,), filtered like both sides; None for wrenches
 
 
-def predicted(model: ModelRows, samples: Iterable[Samples], values: Sequence[Floats]) -> Iterator[Predicted]:
+def predicted(
+    model: ModelRows, samples: Iterable[Samples], values: Sequence[Floats]
+) -> Iterator[Predicted]:
     """What models with given base parameters predict, beside what was measured."""
     numbering = Numbering()
     for some in samples:
@@ -63,7 +85,13 @@ def predicted(model: ModelRows, samples: Iterable[Samples], values: Sequence[Flo
         yield _predicted(model, some, some.y, values, numbering.of(some))
 
 
-def _predicted(model: ModelRows, samples: Samples, y: Floats, values: Sequence[Floats], segment: int) -> Predicted:
+def _predicted(
+    model: ModelRows,
+    samples: Samples,
+    y: Floats,
+    values: Sequence[Floats],
+    segment: int,
+) -> Predicted:
     signals = np.stack([y, *(model.predict(samples, some) for some in values)], axis=2)
     times, rows, moving = rows_taken(samples, signals)
     inside, outputs = slice(samples.first, samples.stop), range(y.shape[1])
@@ -80,8 +108,14 @@ def _predicted(model: ModelRows, samples: Samples, y: Floats, values: Sequence[F
         tuple(rows[told[:, i], i, 0] for i in outputs),
         tuple(rows[told[:, i], i, 1:] for i in outputs),
         tuple(flags[told[:, i], i] for i in outputs),
-        tuple((y[inside, i][true[inside, i]], signals[inside, i, 1:][true[inside, i]]) for i in outputs),
-        tuple(_NAN if some is None else float(np.abs(some).max(initial=0.0)) for some in speeds),
+        tuple(
+            (y[inside, i][true[inside, i]], signals[inside, i, 1:][true[inside, i]])
+            for i in outputs
+        ),
+        tuple(
+            _NAN if some is None else float(np.abs(some).max(initial=0.0))
+            for some in speeds
+        ),
         tuple(
             None if some is None else rows_filtered(samples, some[:, :1])[told[:, i], 0]
             for i, some in enumerate(speeds)
@@ -111,7 +145,14 @@ def validated(
     outputs = [(output.name, output.unit) for output in model.base.mechanism.outputs]
     # while one stretch is judged, the next is predicted, and the one after that is read
     signals = prefetched(predicted(model, prefetched(samples), values))
-    return validate(signals, outputs, tuple(models), role=role, identification=identification, limit=limit)
+    return validate(
+        signals,
+        outputs,
+        tuple(models),
+        role=role,
+        identification=identification,
+        limit=limit,
+    )
 
 
 def validate(
@@ -134,12 +175,19 @@ def validate(
         for output, tally in enumerate(tallies):
             tally.add(some, output)
     if not any(tally.whole[0].rows for tally in tallies):
-        raise InputError("there are no rows to predict: filters, gaps or slow motion left nothing")
+        raise InputError(
+            "there are no rows to predict: filters, gaps or slow motion left nothing"
+        )
     named = list(zip(tallies, outputs, strict=True))
-    scores = {name: tuple(t.score(k, *output) for t, output in named) for k, name in enumerate(models)}
+    scores = {
+        name: tuple(t.score(k, *output) for t, output in named)
+        for k, name in enumerate(models)
+    }
     prior_scores, plain_scores = (scores.get(name, ()) for name in BESIDE)
     traces = tuple(tally.trace(*output) for tally, output in named)
-    found = Validation(", ".join(sources), role, scores[models[0]], prior_scores, plain_scores, traces)
+    found = Validation(
+        ", ".join(sources), role, scores[models[0]], prior_scores, plain_scores, traces
+    )
     return replace(found, verdict=verdict(found, identification))
 
 
@@ -167,7 +215,9 @@ class _Tally:
             some.predicted[output],
             some.moving[output],
         )
-        raw, raw_guesses = some.samples[output] if some.samples else (y[:0], guesses[:0])
+        raw, raw_guesses = (
+            some.samples[output] if some.samples else (y[:0], guesses[:0])
+        )
         for sums, found in (
             (self.whole, fits(y, guesses)),
             (self.moving, fits(y[moving], guesses[moving])),
@@ -195,14 +245,26 @@ class _Tally:
         if model or not found.rows:
             return found
         correlations = self._correlations.result()
-        return replace(found, correlation_time=correlations.time, whiteness=correlations.whiteness())
+        return replace(
+            found,
+            correlation_time=correlations.time,
+            whiteness=correlations.whiteness(),
+        )
 
     def trace(self, output: str, unit: str) -> Trace:
         """What is kept to look at."""
         kept = self._trace.rows(5 if self.prior is not None else 4)
         time, measured, predicted = kept[:, :3].T
         speed = kept[:, -1] if np.isfinite(kept[:, -1]).any() else None
-        return Trace(output, unit, time, measured, predicted, None if self.prior is None else kept[:, 3], speed)
+        return Trace(
+            output,
+            unit,
+            time,
+            measured,
+            predicted,
+            None if self.prior is None else kept[:, 3],
+            speed,
+        )
 
 
 def _checked(model: ModelRows, values: npt.ArrayLike, name: str) -> Floats:
@@ -229,7 +291,9 @@ def thinned(rows: Floats) -> Floats:
     places = [starts + pick(buckets, axis=2) for pick in (np.argmin, np.argmax)]
     rest = signals[:, _BUCKET * full :]
     if rest.shape[1]:
-        places += [_BUCKET * full + pick(rest, axis=1) for pick in (np.argmin, np.argmax)]
+        places += [
+            _BUCKET * full + pick(rest, axis=1) for pick in (np.argmin, np.argmax)
+        ]
     kept: Floats = rows[np.unique(np.concatenate([some.ravel() for some in places]))]
     return kept
 
@@ -252,7 +316,11 @@ class TraceKeeper:
             whole = thinned(np.concatenate(self._parts))
             if len(whole) == self._count:  # nothing but extremes
                 break
-            self._parts, self._count, self._passes = [whole], len(whole), self._passes + 1
+            self._parts, self._count, self._passes = (
+                [whole],
+                len(whole),
+                self._passes + 1,
+            )
 
     def rows(self, columns: int) -> Floats:
         """What is kept, shape (k, columns)."""
@@ -301,7 +369,9 @@ class Correlations:
         if not usable.any():
             return float("nan")
         # without holes pairs is rows − k and rho has been divided by pairs / rows: then this is N (N + 2) Σ r²/(N − k)
-        statistic = (self.rows + 2) / self.rows * np.sum(pairs[usable] * rho[usable] ** 2)
+        statistic = (
+            (self.rows + 2) / self.rows * np.sum(pairs[usable] * rho[usable] ** 2)
+        )
         return float(chi2.sf(statistic, int(usable.sum())))
 
 
@@ -310,7 +380,9 @@ class CorrelationSums:
 
     def __init__(self, lags: int = LAGS) -> None:
         self._lags = lags
-        self._sums = np.zeros((4, lags + 1))  # products, later ones, earlier ones, pairs
+        self._sums = np.zeros(
+            (4, lags + 1)
+        )  # products, later ones, earlier ones, pairs
         self._total = self._squares = 0.0
         self._rows = 0
         self._step = float("nan")
@@ -333,7 +405,9 @@ class CorrelationSums:
             self._pair(stretch, begins)
         self._segment, self._last = segment, float(times[-1])
 
-    def _stretches(self, times: Floats, values: Floats, follows: bool) -> Iterator[tuple[Floats, bool]]:
+    def _stretches(
+        self, times: Floats, values: Floats, follows: bool
+    ) -> Iterator[tuple[Floats, bool]]:
         """Values and flags on a grid of samples, shape (2, samples), cut at holes that no lag reaches across."""
         if not np.isfinite(self._step):
             yield np.stack([values, np.ones_like(values)]), True
@@ -346,7 +420,12 @@ class CorrelationSums:
             if not len(part):
                 continue
             begins = bool(steps[part[0]] > self._lags) or (part[0] == 0 and not follows)
-            places = np.cumsum(np.where(part == part[0], 1 if begins else steps[part], steps[part])) - 1
+            places = (
+                np.cumsum(
+                    np.where(part == part[0], 1 if begins else steps[part], steps[part])
+                )
+                - 1
+            )
             grid = np.zeros((2, int(places[-1]) + 1))
             grid[0, places], grid[1, places] = values[part], 1.0
             yield grid, begins
@@ -395,13 +474,19 @@ def _running(whole: Floats, tail: int, lags: int) -> Floats:
     lag = np.arange(lags + 1)
     begin, end = np.minimum(np.maximum(tail, lag), len(whole)), len(whole)
     earlier = total[np.maximum(end - lag, 0)] - total[begin - np.minimum(lag, begin)]
-    return np.stack([total[end] - total[begin], np.where(lag < end, earlier, 0.0), end - begin])
+    return np.stack(
+        [total[end] - total[begin], np.where(lag < end, earlier, 0.0), end - begin]
+    )
 
 
 def usual_step(gaps: Floats) -> float:
     """Time between samples where some are missing; the smallest gap up to rounding of time stamps, or nan."""
     positive = gaps[gaps > 0]
-    return float(np.median(positive[positive < 1.5 * positive.min()])) if len(positive) else float("nan")
+    return (
+        float(np.median(positive[positive < 1.5 * positive.min()]))
+        if len(positive)
+        else float("nan")
+    )
 
 
 def _first(flags: npt.NDArray[np.bool_]) -> int:

@@ -42,13 +42,18 @@ def warning(kind: str, where: str, text: str) -> Finding:
 def listed(names: Iterable[str]) -> str:
     """Some names, cut short where they are many."""
     words = list(dict.fromkeys(names))
-    return (", ".join(words[:_SHOWN]) + (f", … ({len(words)} in all)" if len(words) > _SHOWN else "")) or "none"
+    return (
+        ", ".join(words[:_SHOWN])
+        + (f", … ({len(words)} in all)" if len(words) > _SHOWN else "")
+    ) or "none"
 
 
 def enumerated(names: Sequence[str], separator: str = ", ") -> str:
     """Some names, the first ones if they are many."""
     shown = [*names[:_ENUMERATED], *(["others"] if len(names) > _ENUMERATED else [])]
-    return shown[0] if len(shown) == 1 else f"{separator.join(shown[:-1])} and {shown[-1]}"
+    return (
+        shown[0] if len(shown) == 1 else f"{separator.join(shown[:-1])} and {shown[-1]}"
+    )
 
 
 def counted(count: int, one: str, many: str = "") -> str:

@@ -24,10 +24,14 @@ from echelon.logs.finding import listed
 Labels = npt.NDArray[Any]
 
 _NUMBERS = re.compile(
-    r"(joint|jnt|axis|motor|actuator|servo|dof)s?[\W_]*(id|no|nr|num|number|idx|index)?", re.IGNORECASE
+    r"(joint|jnt|axis|motor|actuator|servo|dof)s?[\W_]*(id|no|nr|num|number|idx|index)?",
+    re.IGNORECASE,
 )
 """Names of columns that number joints."""
-_RUNS = re.compile("run|episode|trial|session|phase|test|lap|cycle|segment|rep|set|file|exp|mode|state", re.IGNORECASE)
+_RUNS = re.compile(
+    "run|episode|trial|session|phase|test|lap|cycle|segment|rep|set|file|exp|mode|state",
+    re.IGNORECASE,
+)
 """Names of columns whose labels are of stretches of time, which may all begin at zero."""
 _MOST = 200  # labels
 _SHARED = 0.9  # share of the times of one label that are those of another
@@ -45,7 +49,11 @@ def joint_by_joint(file: LogFile) -> LogFile:
             labels = next(_labels(file, label), np.zeros(0))
             if not 1 < len(np.unique(labels)) <= _MOST:
                 continue
-            table = next(file.tables([name for name in file.names if name not in (label, *words)]))
+            table = next(
+                file.tables(
+                    [name for name in file.names if name not in (label, *words)]
+                )
+            )
             if time := _shared_clock(table.columns, labels):
                 return LongLog(file, label, time)
     return file
@@ -69,10 +77,23 @@ def _shared_clock(columns: Mapping[str, Floats], labels: Labels) -> str:
     if any(len(values) != len(labels) for values in columns.values()):
         return ""
     first, *others = np.unique(labels)
-    said = [name for name in columns if (found := meaning(name, {})) is not None and found.kind == "time"]
+    said = [
+        name
+        for name in columns
+        if (found := meaning(name, {})) is not None and found.kind == "time"
+    ]
     own = {name: columns[name][labels == first] for name in columns}
-    time = clock({name: np.sort(own[name]) for name in said} or own, said or list(own), named=bool(said))
-    return time if time and np.mean(np.isin(columns[time][labels == others[0]], own[time])) > _SHARED else ""
+    time = clock(
+        {name: np.sort(own[name]) for name in said} or own,
+        said or list(own),
+        named=bool(said),
+    )
+    return (
+        time
+        if time
+        and np.mean(np.isin(columns[time][labels == others[0]], own[time])) > _SHARED
+        else ""
+    )
 
 
 class LongLog:
@@ -82,26 +103,47 @@ class LongLog:
     """
 
     def __init__(self, file: LogFile, label: str, time: str) -> None:
-        self.source, self._file, self._label, self._time = file.source, file, label, time
+        self.source, self._file, self._label, self._time = (
+            file.source,
+            file,
+            label,
+            time,
+        )
         labels = np.concatenate(list(_labels(file, label)))
         every = np.unique(labels[(labels == labels) & (labels != "")]).tolist()
-        self._rows = {f"{one:g}" if isinstance(one, float) else one: labels == one for one in every}
-        values = [name for name in file.names if name not in (label, time, *_worded(file))]
+        self._rows = {
+            f"{one:g}" if isinstance(one, float) else one: labels == one
+            for one in every
+        }
+        values = [
+            name for name in file.names if name not in (label, time, *_worded(file))
+        ]
         self._places = {
             f"{name}/{one}" if len(values) > 1 or one.isdecimal() else one: (name, one)
             for name in values
             for one in self._rows
         }
         self.names: tuple[str, ...] = (time, *self._places)
-        self.notes = (f"rows of one '{time}' are put side by side by '{label}', as {listed(self._places)}",)
+        self.notes = (
+            f"rows of one '{time}' are put side by side by '{label}', as {listed(self._places)}",
+        )
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """One table, with NaN where a label lacks a time."""
         del rows
         chosen = selected(self.source, names, self.names)
-        needed = dict.fromkeys([self._time, *(self._places[name][0] for name in chosen if name in self._places)])
+        needed = dict.fromkeys(
+            [
+                self._time,
+                *(self._places[name][0] for name in chosen if name in self._places),
+            ]
+        )
         pieces = [table.columns for table in self._file.tables(list(needed))]
-        values = {name: np.concatenate([piece[name] for piece in pieces]) for name in needed}
+        values = {
+            name: np.concatenate([piece[name] for piece in pieces]) for name in needed
+        }
         if any(len(values[self._time]) != len(mine) for mine in self._rows.values()):
             raise InputError("some rows cannot be read, so that it is not known of which label they are",
                              source=self.source)  # fmt: skip

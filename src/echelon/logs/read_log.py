@@ -91,7 +91,9 @@ def _chosen(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
     if not columns:
         problem = "the set-up does not say what the columns are: add the section  log, or let  echelon setup  write it"
         raise InputError(problem, source=log.source)
-    lacking = [sum(name not in log.names for name in needed_columns(some)) for some in columns]
+    lacking = [
+        sum(name not in log.names for name in needed_columns(some)) for some in columns
+    ]
     best = columns[lacking.index(min(lacking))]
     _needed(best, log.names, log.source)
     return best
@@ -99,7 +101,10 @@ def _chosen(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
 
 def measured(table: Table) -> Table:
     """A table with NaN for what no sensor measures, so that it is no number to reckon with."""
-    columns = {name: np.where(np.abs(values) <= LARGEST, values, np.nan) for name, values in table.columns.items()}
+    columns = {
+        name: np.where(np.abs(values) <= LARGEST, values, np.nan)
+        for name, values in table.columns.items()
+    }
     return replace(table, columns=columns)
 
 
@@ -137,9 +142,15 @@ class JoinedLog:
         self.source = source
         self._files = {part.stem: open_log(part) for part in parts}
         if len(self._files) < len(parts):
-            raise InputError("two of the files have the same name; rename one", source=source)
+            raise InputError(
+                "two of the files have the same name; rename one", source=source
+            )
         self._times = {stem: _times(file) for stem, file in self._files.items()}
-        shared = Counter(name for stem, file in self._files.items() for name in self._columns(stem, file))
+        shared = Counter(
+            name
+            for stem, file in self._files.items()
+            for name in self._columns(stem, file)
+        )
         self._places = {
             (f"{stem}/{name}" if max(shared.values()) > 1 else name): (stem, name)
             for stem, file in self._files.items()
@@ -147,19 +158,27 @@ class JoinedLog:
         }
         self.names: tuple[str, ...] = tuple(self._places)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """One table: the files differ in length, so that there are no common rows to cut at."""
         del rows
         chosen = selected(self.source, names, self.names)
         columns: dict[str, Floats] = {}
         clocks: dict[str, str] = {}
         for stem, file in self._files.items():
-            wanted = {name: self._places[name][1] for name in chosen if self._places[name][0] == stem}
+            wanted = {
+                name: self._places[name][1]
+                for name in chosen
+                if self._places[name][0] == stem
+            }
             if wanted:
                 values = read_table(file.source, list(wanted.values())).columns
                 columns |= {name: values[inner] for name, inner in wanted.items()}
                 if any(len(times) for _, times in self._times.values()):
-                    columns[f"{stem}/time"] = self._own_times(stem, len(values[next(iter(wanted.values()))]))
+                    columns[f"{stem}/time"] = self._own_times(
+                        stem, len(values[next(iter(wanted.values()))])
+                    )
                     clocks |= dict.fromkeys(wanted, f"{stem}/time")
         yield Table(self.source, columns, clocks)
 
@@ -178,10 +197,17 @@ class JoinedLog:
 def _times(file: LogFile) -> tuple[str, Floats]:
     """The column of times and its values in seconds; none if there is no such column."""
     table = read_table(file.source)
-    said = {name: found for name in file.names if (found := meaning(name, {})) is not None and found.kind == "time"}
+    said = {
+        name: found
+        for name in file.names
+        if (found := meaning(name, {})) is not None and found.kind == "time"
+    }
     name = clock(table.columns, list(said) or list(file.names)[:1], named=bool(said))
     if not name and len(said) > 1:
-        raise InputError(f"{listed(said)} could all be the time; leave one in the file", source=file.source)
+        raise InputError(
+            f"{listed(said)} could all be the time; leave one in the file",
+            source=file.source,
+        )
     name = name or next(iter(said), "")
     if not name:
         return "", np.empty(0)

@@ -23,7 +23,9 @@ class Recording:
     # shape (N, columns); ``q`` (``mechanism.positions``); where logged ``qd``, ``qdd`` (``mechanism.velocities``),
     # ``y`` (``mechanism.outputs``) and ``reference`` (as ``q``)
     signals: Mapping[str, Floats]
-    inputs: Mapping[str, Floats] = field(default_factory=dict)  # shape (N,); measured inputs that effects use
+    inputs: Mapping[str, Floats] = field(
+        default_factory=dict
+    )  # shape (N,); measured inputs that effects use
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,12 @@ class Samples:
     # samples (before reduction) that count: what lies outside is there for filters only, or spoilt by them
     first: int = 0
     stop: int | None = None
-    moving: Flags | None = None  # shape (N, outputs); where the direction of dry friction is known; everywhere if None
-    pinned: Flags | None = None  # shape (N, outputs); where sensors are at a limit; nowhere if None
+    moving: Flags | None = (
+        None  # shape (N, outputs); where the direction of dry friction is known; everywhere if None
+    )
+    pinned: Flags | None = (
+        None  # shape (N, outputs); where sensors are at a limit; nowhere if None
+    )
 
     def __len__(self) -> int:
         return len(self.q)
@@ -92,5 +98,10 @@ class Samples:
     @property
     def state(self) -> dict[str, Any]:
         """The samples as a log that :meth:`echelon.BaseModel.accumulate` takes, without reduction."""
-        found: dict[str, Any] = {"q": self.q, "qd": self.qd, "qdd": self.qdd, "inputs": dict(self.inputs)}
+        found: dict[str, Any] = {
+            "q": self.q,
+            "qd": self.qd,
+            "qdd": self.qdd,
+            "inputs": dict(self.inputs),
+        }
         return found if self.y is None else {**found, "y": self.y}

@@ -38,7 +38,21 @@ _QUANTITIES: Final = {
     "m": ("a length", ("m", "mm", "cm", "um", "in", "ft")),
     "m/s": ("a velocity", ("m/s", "mm/s", "cm/s", "m/min", "in/s")),
     "m/s²": ("an acceleration", ("m/s²", "mm/s²", "cm/s²")),
-    "N·m": ("a torque", ("N·m", "mN·m", "N·mm", "N·cm", "kN·m", "kgf·cm", "kgf·m", "lbf·in", "lbf·ft", "ozf·in")),
+    "N·m": (
+        "a torque",
+        (
+            "N·m",
+            "mN·m",
+            "N·mm",
+            "N·cm",
+            "kN·m",
+            "kgf·cm",
+            "kgf·m",
+            "lbf·in",
+            "lbf·ft",
+            "ozf·in",
+        ),
+    ),
     "N": ("a force", ("N", "mN", "kN", "kgf", "gf", "lbf", "ozf")),
     "A": ("a current", ("A", "mA")),
     "V": ("a voltage", ("V", "mV")),
@@ -46,10 +60,35 @@ _QUANTITIES: Final = {
     "1": ("a pure number", ("1", "%")),
 }
 _SAME: Final = str.maketrans(
-    {"⁰": "0", "¹": "1", "²": "2", "³": "3", "⁴": "4", "⁻": "-", "µ": "u", "μ": "u", "⋅": "·", "∙": "·", "×": "·"}
+    {
+        "⁰": "0",
+        "¹": "1",
+        "²": "2",
+        "³": "3",
+        "⁴": "4",
+        "⁻": "-",
+        "µ": "u",
+        "μ": "u",
+        "⋅": "·",
+        "∙": "·",
+        "×": "·",
+    }
 )
-_TOKEN: Final = re.compile(r"([A-Za-z°%]+|1)(?:(?:\^|\*\*)?([-+]?\d+))?|(\*|·|/|\.|-| )")
-_COUNTS: Final = ("count", "counts", "tick", "ticks", "pulse", "pulses", "inc", "increments", "lsb", "steps")
+_TOKEN: Final = re.compile(
+    r"([A-Za-z°%]+|1)(?:(?:\^|\*\*)?([-+]?\d+))?|(\*|·|/|\.|-| )"
+)
+_COUNTS: Final = (
+    "count",
+    "counts",
+    "tick",
+    "ticks",
+    "pulse",
+    "pulses",
+    "inc",
+    "increments",
+    "lsb",
+    "steps",
+)
 
 
 @dataclass(frozen=True)
@@ -80,7 +119,9 @@ _FACTORS: Final[dict[Dimension, dict[str, Fraction | int]]] = {
     (1, 2, -3, 0, 0): {"W": 1},
     (1, 2, -2, 0, 0): {"J": 1},
 }
-_PREFIXED: Final = frozenset(["rad", "m", "s", "sec", "Hz", "g", "N", "gf", "A", "V", "W", "J"])
+_PREFIXED: Final = frozenset(
+    ["rad", "m", "s", "sec", "Hz", "g", "N", "gf", "A", "V", "W", "J"]
+)
 _UNITS: Final = {
     name: _Unit(Fraction(size), dimension, name in _PREFIXED)
     for dimension, sizes in _FACTORS.items()
@@ -95,7 +136,13 @@ def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
     Units have prefixes, products (``N·m``, ``N*m``, ``N m``, ``Nm``), quotients (``mm/s``; from left to right) and
     powers (``s²``, ``s^2``, ``s**2``, ``s2``); an empty text is the SI unit.
     """
-    wanted = None if quantity is None else (quantity,) if isinstance(quantity, str) else tuple(quantity)
+    wanted = (
+        None
+        if quantity is None
+        else (quantity,)
+        if isinstance(quantity, str)
+        else tuple(quantity)
+    )
     if not unit.strip() or (wanted is not None and unit in wanted):
         return 1.0
     found = _parsed(unit, wanted or tuple(_QUANTITIES))
@@ -103,11 +150,18 @@ def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
         return float(found.factor)
     if all(_parsed(si, (si,)).dimension != found.dimension for si in wanted):
         of = next(
-            (name for si, (name, _) in _QUANTITIES.items() if _parsed(si, (si,)).dimension == found.dimension), ""
+            (
+                name
+                for si, (name, _) in _QUANTITIES.items()
+                if _parsed(si, (si,)).dimension == found.dimension
+            ),
+            "",
         )
         asked = " or ".join(_QUANTITIES.get(si, (si,))[0] for si in wanted)
         what = f"is the unit of {of}" if of else "is a unit of something else"
-        raise InputError(f"'{unit}' {what}, not of {asked} (valid: {', '.join(_valid(wanted))})")
+        raise InputError(
+            f"'{unit}' {what}, not of {asked} (valid: {', '.join(_valid(wanted))})"
+        )
     return float(found.factor)
 
 
@@ -120,12 +174,18 @@ def fits(unit: str, quantity: str | Sequence[str] | None) -> bool:
 
 
 def _valid(wanted: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(text for si in wanted for text in _QUANTITIES.get(si, ("", (si,)))[1]))
+    return list(
+        dict.fromkeys(
+            text for si in wanted for text in _QUANTITIES.get(si, ("", (si,)))[1]
+        )
+    )
 
 
 def _parsed(text: str, wanted: Sequence[str]) -> _Unit:
     total, dimension, sign, place, ended = Fraction(1), [0] * 5, 1, 0, False
-    plain = re.sub(r"\s*([*·/])\s*", r"\1", text.strip().translate(_SAME).replace("**", "^"))
+    plain = re.sub(
+        r"\s*([*·/])\s*", r"\1", text.strip().translate(_SAME).replace("**", "^")
+    )
     while place < len(plain):
         token = _TOKEN.match(plain, place)
         if token is None:
@@ -138,7 +198,9 @@ def _parsed(text: str, wanted: Sequence[str]) -> _Unit:
             continue
         unit, exponent = _named(name, text, wanted), sign * int(power or 1)
         total *= unit.factor**exponent
-        dimension = [d + exponent * u for d, u in zip(dimension, unit.dimension, strict=True)]
+        dimension = [
+            d + exponent * u for d, u in zip(dimension, unit.dimension, strict=True)
+        ]
         sign = 1
     if not ended:
         raise _unknown(text, wanted)
@@ -151,7 +213,9 @@ def _named(name: str, text: str, wanted: Sequence[str]) -> _Unit:
     for parts in range(1, 4):
         found = {unit.factor: unit for unit in _joined(name, parts)}
         if len(found) > 1:
-            raise InputError(f"'{text}' can be read in several ways; write products with a dot, as in N·m")
+            raise InputError(
+                f"'{text}' can be read in several ways; write products with a dot, as in N·m"
+            )
         if found:
             return next(iter(found.values()))
     raise _unknown(text, wanted)
@@ -167,7 +231,9 @@ def _joined(name: str, parts: int) -> Iterator[_Unit]:
         first = _single(name[:cut])
         if first is not None:
             for rest in _joined(name[cut:], parts - 1):
-                kg, m, s, a, rad = (x + y for x, y in zip(first.dimension, rest.dimension, strict=True))
+                kg, m, s, a, rad = (
+                    x + y for x, y in zip(first.dimension, rest.dimension, strict=True)
+                )
                 yield _Unit(first.factor * rest.factor, (kg, m, s, a, rad))
 
 

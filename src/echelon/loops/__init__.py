@@ -8,7 +8,13 @@ closed states, which :func:`closed_states` encloses in ball arithmetic.
 
 from echelon.loops.assembly import LARGEST_CORRECTION, STRIDE, Assembly
 from echelon.loops.closed_balls import ClosedBalls, closed_states
-from echelon.loops.closed_motion import NEGLIGIBLE, ClosedMotion, largest, normalised, position_rates
+from echelon.loops.closed_motion import (
+    NEGLIGIBLE,
+    ClosedMotion,
+    largest,
+    normalised,
+    position_rates,
+)
 from echelon.loops.closing import check_independent, close, locked_joints
 from echelon.loops.dependent_motion import DependentMotion
 from echelon.loops.recorded_loops import Loops, loops_of, real_inputs

@@ -116,9 +116,13 @@ class Assembly(ClosedMotion):
         Also the configuration in which all equations together are closed best.
         """
         nearest = self.nearest()
-        jacobian = self.jacobian(self._walked(random_generator(DEFAULT_SEED), nearest, POSES, NEARBY)[0])
+        jacobian = self.jacobian(
+            self._walked(random_generator(DEFAULT_SEED), nearest, POSES, NEARBY)[0]
+        )
         sizes = np.linalg.svd(jacobian, compute_uv=False)
-        if sizes.max(initial=0.0) <= self.tolerance:  # rad or lengths, by rad or lengths that move
+        if (
+            sizes.max(initial=0.0) <= self.tolerance
+        ):  # rad or lengths, by rad or lengths that move
             idle = f"{shown_loops(self.mechanism)} hold nothing that can move: leave them out"
             raise InputError(idle, element="loops")
         rank = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _FALL)
@@ -131,12 +135,16 @@ class Assembly(ClosedMotion):
         if not done[0] or self._distances(q).max(initial=0.0) > STRIDE:
             # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too
             farthest = _NEAR if self.mechanism.assembly else np.pi
-            q, _ = self.closed(self._disturbed(np.linspace(0.0, farthest, TOGETHER)[:, None]))
+            q, _ = self.closed(
+                self._disturbed(np.linspace(0.0, farthest, TOGETHER)[:, None])
+            )
             q = np.vstack([q, self._nearly_closed()])
         values = self.closures.at(q)[0]
         open_by, away = largest(values), np.linalg.norm(self._distances(q), axis=1)
         enough = max(CLOSED, self._left_open)
-        best = int(np.where(open_by <= max(enough, open_by.min()), away, np.inf).argmin())
+        best = int(
+            np.where(open_by <= max(enough, open_by.min()), away, np.inf).argmin()
+        )
         nearest: Floats = q[best]
         if open_by[best] > enough:
             raise InputError(
@@ -152,7 +160,9 @@ class Assembly(ClosedMotion):
         for _ in range(FEW):
             across = np.linalg.pinv(self.jacobian(q), rcond=NEARLY_FREE)
             change = -(across @ self.closures.at(q)[0][:, :, None])[:, :, 0]
-            q = self._moved(q, change / np.maximum(2 * largest(change), 1.0))  # no longer than damped steps are
+            q = self._moved(
+                q, change / np.maximum(2 * largest(change), 1.0)
+            )  # no longer than damped steps are
         return q
 
     def written(self, q: Floats) -> str:
@@ -163,14 +173,22 @@ class Assembly(ClosedMotion):
         """The nearest of some closed configurations, found at random, that can move; None if none can."""
         q, done = self.closed(self._disturbed(np.pi))
         q, rng = q[done], random_generator(DEFAULT_SEED)
-        ahead, done = self.closed(self._moved(q, _random_motion(rng, self._singular(q)[1], 2 * STRIDE)))
-        gone = largest((ahead - q) / self.position_units) > STRIDE / 10  # not so where links are folded onto each other
+        ahead, done = self.closed(
+            self._moved(q, _random_motion(rng, self._singular(q)[1], 2 * STRIDE))
+        )
+        gone = (
+            largest((ahead - q) / self.position_units) > STRIDE / 10
+        )  # not so where links are folded onto each other
         q = q[done & gone & (self.mobility(ahead) > 0)]
-        return q[np.linalg.norm(self._distances(q), axis=1).argmin()] if len(q) else None
+        return (
+            q[np.linalg.norm(self._distances(q), axis=1).argmin()] if len(q) else None
+        )
 
     def _disturbed(self, size: Floats | float) -> Floats:
         """The stated pose with random turns and slides of what is in loops, shape (tries, positions)."""
-        change = size * random_generator(DEFAULT_SEED).uniform(-1.0, 1.0, (TOGETHER, len(self.mechanism.velocities)))
+        change = size * random_generator(DEFAULT_SEED).uniform(
+            -1.0, 1.0, (TOGETHER, len(self.mechanism.velocities))
+        )
         looped = loop_motions(self.mechanism)
         for motion, _, place in places(self.mechanism):
             change[:, place] *= motion.name in looped
@@ -187,7 +205,11 @@ class Assembly(ClosedMotion):
         motion = motions[stopped]
         owner = self.closures.owners[int(np.abs(jacobian @ motion).argmax())]
         moved = self.mechanism.velocities[int(np.abs(motion).argmax())]
-        return moved, owner, float(singular[stopped] / singular[0]) if singular[0] else np.inf
+        return (
+            moved,
+            owner,
+            float(singular[stopped] / singular[0]) if singular[0] else np.inf,
+        )
 
     @cached_property
     def assembled(self) -> Assembled | None:
@@ -196,7 +218,9 @@ class Assembly(ClosedMotion):
         distances = self._distances(self.pose[None])[0].tolist()
         for motion, relative in zip(mechanism.free_motions, distances, strict=True):
             slides = motion.kind is MotionKind.TRANSLATION
-            size, unit = (relative * self.closures.length, "m") if slides else (relative, "rad")
+            size, unit = (
+                (relative * self.closures.length, "m") if slides else (relative, "rad")
+            )
             if relative > self.tolerance:
                 stated = not mechanism.assembly.keys().isdisjoint(motion.positions)
                 moved.append(Moved(motion.name, size, unit, relative, stated))
@@ -210,8 +234,15 @@ class Assembly(ClosedMotion):
     def _stated(self) -> Floats:
         """The stated assembly pose, zero where it says nothing."""
         mechanism = self.mechanism
-        upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
-        stated = np.array([mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions])
+        upright = {
+            m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL
+        }
+        stated = np.array(
+            [
+                mechanism.assembly.get(n, upright.get(n, 0.0))
+                for n in mechanism.positions
+            ]
+        )
         upright_pose: Floats = normalised(mechanism, stated[None])[0]
         return upright_pose
 
@@ -223,17 +254,25 @@ class Assembly(ClosedMotion):
                 chord = np.abs(q[:, place] @ self._stated[place])
                 found.append(2 * np.arccos(np.minimum(chord, 1.0)))
             else:
-                found.append(np.abs((q - self._stated) / self.position_units)[:, place.start])
+                found.append(
+                    np.abs((q - self._stated) / self.position_units)[:, place.start]
+                )
         return np.stack(found, axis=1)
 
-    def closed(self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS) -> tuple[Floats, Flags]:
+    def closed(
+        self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS
+    ) -> tuple[Floats, Flags]:
         """Closed configurations near guesses (N, positions), and which of them close; others get as near as they can.
 
         Steps end where what is left open is rounding, or no longer falls.  Held coordinates do not move.
         """
         names = self.mechanism.velocities
         free = [k for k, name in enumerate(names) if name not in held]
-        q, left, open_by = normalised(self.mechanism, q), np.arange(len(q)), np.full(len(q), np.inf)
+        q, left, open_by = (
+            normalised(self.mechanism, q),
+            np.arange(len(q)),
+            np.full(len(q), np.inf),
+        )
         for iteration in range(iterations + 1):
             values, jacobian = self.closures.at(q[left], left)
             now = largest(values)
@@ -254,21 +293,31 @@ class Assembly(ClosedMotion):
         if (gone < 1).any():
             sample = int(np.argmax(gone < 1))
             q[:, self.independent_places] = q_independent
-            there, done = self.closed(q[[sample]], self.mechanism.independent_velocities)
-            problem = "the way there from the assembly pose passes a singular configuration"
+            there, done = self.closed(
+                q[[sample]], self.mechanism.independent_velocities
+            )
+            problem = (
+                "the way there from the assembly pose passes a singular configuration"
+            )
             if not done[0]:
                 problem = self.opening(there[0])
-            raise InputError(f"the loops cannot be closed at the independent positions of sample {sample}: {problem}")
+            raise InputError(
+                f"the loops cannot be closed at the independent positions of sample {sample}: {problem}"
+            )
         return q
 
-    def followed(self, start: Floats, wanted: Floats, shortest: float) -> tuple[Floats, Floats]:
+    def followed(
+        self, start: Floats, wanted: Floats, shortest: float
+    ) -> tuple[Floats, Floats]:
         """Configurations on the straight ways from closed ones to independent positions, and the shares that were gone.
 
         A way is given up where its steps would be shorter than the shortest, rad or characteristic lengths.
         """
         q, places = start.copy(), self.independent_places
         begin, end = q[:, places], self._towards(q, wanted)
-        longest = STRIDE / np.maximum(largest((end - begin) / self.position_units[places]), STRIDE)
+        longest = STRIDE / np.maximum(
+            largest((end - begin) / self.position_units[places]), STRIDE
+        )
         gone, stride, trend = np.zeros(len(q)), longest.copy(), np.zeros_like(q)
         on = np.arange(len(q))
         while len(on):
@@ -282,7 +331,9 @@ class Assembly(ClosedMotion):
             moved = on[done]
             trend[moved] = (found - q[on])[done] / step[done]
             q[moved], gone[moved] = found[done], reached[done, 0]
-            stride[on] = np.where(done, np.minimum(1.5 * stride[on], longest[on]), stride[on] / 2)
+            stride[on] = np.where(
+                done, np.minimum(1.5 * stride[on], longest[on]), stride[on] / 2
+            )
             on = on[(gone[on] < 1) & (stride[on] * STRIDE >= shortest * longest[on])]
         return q, gone
 
@@ -293,7 +344,9 @@ class Assembly(ClosedMotion):
     @cached_property
     def independent_places(self) -> list[int]:
         """Places of :attr:`independent_positions` among all positions."""
-        return [self.mechanism.positions.index(name) for name in self.independent_positions]
+        return [
+            self.mechanism.positions.index(name) for name in self.independent_positions
+        ]
 
     @cached_property
     def independent_positions(self) -> tuple[str, ...]:
@@ -319,8 +372,15 @@ class Assembly(ClosedMotion):
         q, across = self._walked(rng, self.pose, -(-count // motions), moves)
         q, across = (np.repeat(x, motions, axis=0)[:count] for x in (q, across))
         qd = _random_motion(rng, across, RATE) * self.speed_units
-        back = np.linalg.pinv(self.jacobian(q), rcond=self.tolerance) @ self.closures.bias(q, qd)[:, :, None]
-        return q, qd, (_random_motion(rng, across, RATE) - back[:, :, 0]) * self.speed_units
+        back = (
+            np.linalg.pinv(self.jacobian(q), rcond=self.tolerance)
+            @ self.closures.bias(q, qd)[:, :, None]
+        )
+        return (
+            q,
+            qd,
+            (_random_motion(rng, across, RATE) - back[:, :, 0]) * self.speed_units,
+        )
 
     def determined_states(
         self, rng: np.random.Generator, count: int, motions: int = 1
@@ -336,19 +396,27 @@ class Assembly(ClosedMotion):
         best = np.argsort(self.determined(q))[-count:]
         return q[best], qd[best], qdd[best]
 
-    def _walked(self, rng: np.random.Generator, start: Floats, count: int, moves: int) -> tuple[Floats, Floats]:
+    def _walked(
+        self, rng: np.random.Generator, start: Floats, count: int, moves: int
+    ) -> tuple[Floats, Floats]:
         """Ends of random walks from a closed configuration, and orthonormal rows that span those of J there.
 
         Moves that lead nearer to singular ones, for the start's distance, than a move and its correction are left out.
         """
         q = np.repeat(start[None], count, axis=0)
         sizes, across = self._singular(q)
-        smallest = max(int(across[0].any(axis=1).sum()) - 1, 0)  # of those that do not vanish at the start
+        smallest = max(
+            int(across[0].any(axis=1).sum()) - 1, 0
+        )  # of those that do not vanish at the start
         near = (2 * STRIDE + LARGEST_CORRECTION) * sizes[0, smallest]
         for _ in range(moves):
-            found, done = self.closed(self._moved(q, _random_motion(rng, across, 2 * STRIDE)), iterations=FEW)
+            found, done = self.closed(
+                self._moved(q, _random_motion(rng, across, 2 * STRIDE)), iterations=FEW
+            )
             sizes, ahead = self._singular(found)
-            done = (done | (largest(self.closures.at(found)[0]) <= self._left_open)) & (sizes[:, smallest] >= near)
+            done = (done | (largest(self.closures.at(found)[0]) <= self._left_open)) & (
+                sizes[:, smallest] >= near
+            )
             q[done], across[done] = found[done], ahead[done]
         return q, across
 
@@ -359,7 +427,10 @@ class Assembly(ClosedMotion):
         return sizes, across * independent[:, :, None]
 
     def _moved(self, q: Floats, change: Floats) -> Floats:
-        return normalised(self.mechanism, q + position_rates(self.mechanism, q, change * self.speed_units))
+        return normalised(
+            self.mechanism,
+            q + position_rates(self.mechanism, q, change * self.speed_units),
+        )
 
     @cached_property
     def position_units(self) -> Floats:
@@ -373,7 +444,11 @@ class Assembly(ClosedMotion):
         end[:, self.independent_places] = wanted
         for motion, place, _ in places(self.mechanism):
             if motion.kind is MotionKind.BALL:
-                end[:, place] *= np.where((begin[:, place] * end[:, place]).sum(axis=1, keepdims=True) < 0, -1, 1)
+                end[:, place] *= np.where(
+                    (begin[:, place] * end[:, place]).sum(axis=1, keepdims=True) < 0,
+                    -1,
+                    1,
+                )
         return end[:, self.independent_places]
 
 
@@ -390,7 +465,9 @@ def _nearest(known: Known[Assembly]) -> Floats:
 def _random_motion(rng: np.random.Generator, across: Floats, size: float) -> Floats:
     """Random x with J x = 0, from orthonormal rows that span those of J."""
     any_ = rng.uniform(-size, size, across.shape[::2])
-    result: Floats = any_ - (across.swapaxes(1, 2) @ (across @ any_[:, :, None]))[:, :, 0]
+    result: Floats = (
+        any_ - (across.swapaxes(1, 2) @ (across @ any_[:, :, None]))[:, :, 0]
+    )
     return result
 
 
@@ -401,7 +478,9 @@ def _damped_steps(values: Floats, jacobian: Floats) -> Floats:
     """
     transposed = jacobian.swapaxes(1, 2)
     square = transposed @ jacobian
-    damping = (values**2).sum(axis=1) + NOISE * np.maximum(1.0, np.abs(square).max(axis=(1, 2), initial=0.0))
+    damping = (values**2).sum(axis=1) + NOISE * np.maximum(
+        1.0, np.abs(square).max(axis=(1, 2), initial=0.0)
+    )
     normal = square + damping[:, None, None] * np.eye(jacobian.shape[2])
     steps: Floats = -np.linalg.solve(normal, transposed @ values[:, :, None])[:, :, 0]
     return steps

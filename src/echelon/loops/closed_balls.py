@@ -34,14 +34,20 @@ Balls = npt.NDArray[Any]
 Values = dict[str, Balls]
 """By the names of coordinates, freedoms or inputs, each of shape (poses,)."""
 
-_LAST = 0.9  # weight of the last column where the longest is taken next; the first has 1
-_LARGEST_EXPONENT = 40.0  # of exponentials of speeds that are more than nothing beside others
+_LAST = (
+    0.9  # weight of the last column where the longest is taken next; the first has 1
+)
+_LARGEST_EXPONENT = (
+    40.0  # of exponentials of speeds that are more than nothing beside others
+)
 _DOUBLINGS = 20  # of speeds where signs or exponentials occur: from a millionth to a million of the usual ones
 
 _middle = np.frompyfunc(lambda x: x.mid(), 1, 1)
 _double = np.frompyfunc(lambda x: float(x.mid()), 1, 1)
 _series = np.frompyfunc(lambda x, rate: flint.arb_series([x, rate], 2), 2, 1)
-_slope = np.frompyfunc(lambda x: x[1] if isinstance(x, flint.arb_series) else flint.arb(0), 1, 1)
+_slope = np.frompyfunc(
+    lambda x: x[1] if isinstance(x, flint.arb_series) else flint.arb(0), 1, 1
+)
 
 
 _Choice = list[tuple[list[int], list[int]]]
@@ -72,10 +78,17 @@ class _Jacobian:
         """Independent equations and freedoms, none of which is given; equations that are held, if some are."""
         solved, found = [k for k in range(self.shape[1]) if k not in given], _Choice()
         for table in np.moveaxis(self._doubles, 2, 0):
-            columns = [solved[k] for k in _independent(table[list(held) or slice(None)][:, solved])]
+            columns = [
+                solved[k]
+                for k in _independent(table[list(held) or slice(None)][:, solved])
+            ]
             if len(columns) < len(held):
-                raise InputError("the equations that are held depend on one another at some pose")
-            found.append((list(held) or _independent(table[:, columns].T, len(columns)), columns))
+                raise InputError(
+                    "the equations that are held depend on one another at some pose"
+                )
+            found.append(
+                (list(held) or _independent(table[:, columns].T, len(columns)), columns)
+            )
         return found
 
     def possible(self, chosen: _Choice, wanted: Balls) -> Balls:
@@ -93,7 +106,9 @@ class _Jacobian:
     def _doubles(self) -> Floats:
         """All derivatives in doubles, (equations, freedoms, poses)."""
         table = self._filled(0.0, _double(self.values).astype(float))
-        table[np.abs(table) < NOISE] = 0  # equations that hold whatever moves determine nothing
+        table[np.abs(table) < NOISE] = (
+            0  # equations that hold whatever moves determine nothing
+        )
         return table
 
     def _filled(self, zero: Any, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -121,59 +136,103 @@ class ClosedBalls:
         self.program, self.loops, self._real = program, loops, poses
         self._sets = symbols
         self._count = len(next(iter(symbols.values()), [0]))
-        self.symbols = {name: np.repeat(value, len(poses) // self._count) for name, value in symbols.items()}
+        self.symbols = {
+            name: np.repeat(value, len(poses) // self._count)
+            for name, value in symbols.items()
+        }
         self._names = loops.mechanism.velocities
         motions = loops.mechanism.free_motions
-        self._balls = [(m.positions, m.velocities) for m in motions if m.kind is MotionKind.BALL]
+        self._balls = [
+            (m.positions, m.velocities) for m in motions if m.kind is MotionKind.BALL
+        ]
         self._closing, self._speeds = loops.closing, loops.driven
         # equations that are held while rounding makes others contradict them, and by how much these may miss
         assembly = loops.assembly
         self._held = list(assembly.held) if loops.mechanism.rounding else []
         self._explained = assembly.explained * max(1.0, assembly.closures.length)
         self._arithmetic = BallArithmetic()
-        self._kept = dict[int, dict[int, Balls]]()  # by schedule: what depends on symbols alone
+        self._kept = dict[
+            int, dict[int, Balls]
+        ]()  # by schedule: what depends on symbols alone
 
     def leaves(
-        self, schedule: StagedSchedule, rng: np.random.Generator, motions: int = 1, *, at_rest: bool = False
+        self,
+        schedule: StagedSchedule,
+        rng: np.random.Generator,
+        motions: int = 1,
+        *,
+        at_rest: bool = False,
     ) -> dict[int, Balls]:
         """Values of a schedule's leaves, (motions · poses,), at some random motions through each of the poses.
 
         Those that start from rest take less time.
         """
         used = {*schedule.leaves, *self._speeds.leaves}
-        values = self._moving({self.program.inputs[node].name for node in used}, rng, motions, at_rest)
+        values = self._moving(
+            {self.program.inputs[node].name for node in used}, rng, motions, at_rest
+        )
         return self._leaves(schedule, values, motions * len(self._real))
 
     @cached_property
     def _pace(self) -> Any:
         """How slowly things move, so that exponentials of speeds are more than nothing: 1, or a power of two."""
         program, count = self.program, len(self._real)
-        schedule = Schedule(program, [program.lhs[node] for node, op in enumerate(program.ops) if op == Op.EXP])
-        known = {name: _double(value).astype(float) for name, value in self.symbols.items()}
-        known |= _inputs("q", dict(zip(self.loops.mechanism.positions, self._real.T, strict=True)))
+        schedule = Schedule(
+            program,
+            [program.lhs[node] for node, op in enumerate(program.ops) if op == Op.EXP],
+        )
+        known = {
+            name: _double(value).astype(float) for name, value in self.symbols.items()
+        }
+        known |= _inputs(
+            "q", dict(zip(self.loops.mechanism.positions, self._real.T, strict=True))
+        )
         for halvings in range(_DOUBLINGS):
             rest, pace = np.ones(count), 0.5**halvings
             moving = {f"qd[{name}]": pace * RATE * rest for name in self._names}
-            leaves = {node: (known | moving).get(program.inputs[node].name, rest) for node in schedule.leaves}
-            if np.abs(schedule.run(FloatArithmetic(), leaves, count)).max(initial=0.0) < _LARGEST_EXPONENT:
+            leaves = {
+                node: (known | moving).get(program.inputs[node].name, rest)
+                for node in schedule.leaves
+            }
+            if (
+                np.abs(schedule.run(FloatArithmetic(), leaves, count)).max(initial=0.0)
+                < _LARGEST_EXPONENT
+            ):
                 return flint.arb(pace)
         return flint.arb(1)
 
-    def _moving(self, names: set[str], rng: np.random.Generator, motions: int, at_rest: bool) -> Values:
+    def _moving(
+        self, names: set[str], rng: np.random.Generator, motions: int, at_rest: bool
+    ) -> Values:
         """Values of inputs, (motions · poses,), at random motions through the poses."""
         there, chosen = self.poses
-        jacobian, q = self._closure(there, self._names)[1], {name: np.tile(x, motions) for name, x in there.items()}
+        jacobian, q = (
+            self._closure(there, self._names)[1],
+            {name: np.tile(x, motions) for name, x in there.items()},
+        )
         shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
         rates = _zeros(shape)
         if not at_rest:
             free = jacobian.possible(chosen, random_balls(rng, shape))
-            rates = jacobian.completed(chosen, free * self._pace * self._paces(rng, shape[1:]))
+            rates = jacobian.completed(
+                chosen, free * self._pace * self._paces(rng, shape[1:])
+            )
         values = _inputs("q", q) | _inputs("qd", _flat(self._names, rates))
         if any(name.startswith("qdd[") for name in names):
-            bias = 0 if at_rest else self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])
-            found = jacobian.completed(chosen, jacobian.possible(chosen, random_balls(rng, shape)), bias)
+            bias = (
+                0
+                if at_rest
+                else self._bias(q, _flat(self._names, rates)).reshape(-1, *shape[1:])
+            )
+            found = jacobian.completed(
+                chosen, jacobian.possible(chosen, random_balls(rng, shape)), bias
+            )
             values |= _inputs("qdd", _flat(self._names, found))
-        values |= {n: random_balls(rng, (count,)) for n in sorted(names) if n not in {*values, *self.symbols}}
+        values |= {
+            n: random_balls(rng, (count,))
+            for n in sorted(names)
+            if n not in {*values, *self.symbols}
+        }
         values |= {name: np.tile(x, motions) for name, x in self.symbols.items()}
         if any(name.startswith("v[") for name in names):
             values |= _inputs("v", self._virtual(there, values, rng, motions))
@@ -188,7 +247,9 @@ class ClosedBalls:
         ops = set(self.program.ops)
         if ops.isdisjoint((Op.SIGN, Op.ABS)):
             return 1
-        powers = rng.integers(-_DOUBLINGS, 1 if Op.EXP in ops else _DOUBLINGS + 1, size=shape)
+        powers = rng.integers(
+            -_DOUBLINGS, 1 if Op.EXP in ops else _DOUBLINGS + 1, size=shape
+        )
         powers *= rng.integers(2, size=shape)
         return np.frompyfunc(lambda n: _power_of_two(int(n)), 1, 1)(powers)
 
@@ -216,9 +277,14 @@ class ClosedBalls:
             chosen = chosen or jacobian.chosen(self._held)
             step = _middle(jacobian.completed(chosen, none, values[:, None])[:, 0])
             q = {name: _middle(x) for name, x in self._moved(q, step).items()}
-            before, size = size, max((abs(x).upper() for x in step.flat), default=flint.arb(0))
+            before, size = (
+                size,
+                max((abs(x).upper() for x in step.flat), default=flint.arb(0)),
+            )
         # beyond what is left, the square of half of the digits, and so small that its own square is less than rounding
-        return self._enclosed(q, chosen, _power_of_two(-2 * flint.ctx.prec // 3)), chosen
+        return self._enclosed(
+            q, chosen, _power_of_two(-2 * flint.ctx.prec // 3)
+        ), chosen
 
     def _enclosed(self, q: Values, chosen: _Choice, size: Any) -> Values:
         """Poses as boxes in each of which there is one solution, by the interval Newton operator."""
@@ -227,23 +293,37 @@ class ClosedBalls:
         for pose, (_, columns) in enumerate(chosen):
             spread[columns, pose] = flint.arb(0, size)
         slopes = self._closure(self._moved(q, spread), self._names)[1].dense
-        fuzz = flint.arb(0, 2 * size)  # a turn by s changes the axes of the next turn by no more than that
+        fuzz = flint.arb(
+            0, 2 * size
+        )  # a turn by s changes the axes of the next turn by no more than that
         for _, velocities in self._balls:
             places = [self._names.index(name) for name in velocities]
-            slopes[:, places] = slopes[:, places] + (abs(slopes[:, places]).sum(axis=1) * fuzz)[:, None]
-        found = _solved(slopes, chosen, self._closure(q, self._names)[0][:, None], none)[:, 0]
+            slopes[:, places] = (
+                slopes[:, places] + (abs(slopes[:, places]).sum(axis=1) * fuzz)[:, None]
+            )
+        found = _solved(
+            slopes, chosen, self._closure(q, self._names)[0][:, None], none
+        )[:, 0]
         closed = self._moved(q, found)
-        for owner, left in zip(self.loops.equations.owners, self._closure(closed, self._names)[0], strict=True):
+        for owner, left in zip(
+            self.loops.equations.owners,
+            self._closure(closed, self._names)[0],
+            strict=True,
+        ):
             most = max(0.0 if x.contains(0) else float(abs(x).mid()) for x in left)
             if most > max(CLOSED, self._explained):
                 problem = f"with all others closed, '{owner}' is open by {most:.1g} (m or rad)"
                 raise InputError(self._open(problem))
         if not all(abs(x) < size for x in found.flat):
-            raise InputError(self._open("no box around the pose is shown to hold a solution"))
+            raise InputError(
+                self._open("no box around the pose is shown to hold a solution")
+            )
         return closed
 
     def _open(self, reason: str) -> str:
-        names = ", ".join(f"'{name}'" for name in dict.fromkeys(self.loops.equations.owners))
+        names = ", ".join(
+            f"'{name}'" for name in dict.fromkeys(self.loops.equations.owners)
+        )
         return (
             f"the loops closed by {names} are not proved to close at the stated values in ball arithmetic: {reason}.  "
             "Write lengths and angles exactly, such as pi/3, or leave  on_second  out, so that the frame there follows"
@@ -254,38 +334,68 @@ class ClosedBalls:
         moves = dict(zip(self._names, change, strict=True))
         result = {name: x + moves[name] for name, x in q.items() if name in moves}
         for positions, velocities in self._balls:
-            here, half = [q[name] for name in positions], [moves[name] / 2 for name in velocities]
-            turned = [x + step for x, step in zip(here, quaternion_times(here, half), strict=True)]
+            here, half = (
+                [q[name] for name in positions],
+                [moves[name] / 2 for name in velocities],
+            )
+            turned = [
+                x + step
+                for x, step in zip(here, quaternion_times(here, half), strict=True)
+            ]
             square = sum(x * x for x in here) * (1 + sum(x * x for x in half))
             length = np.array([x.sqrt() for x in square], dtype=object)
-            result |= {name: part / length for name, part in zip(positions, turned, strict=True)}
+            result |= {
+                name: part / length
+                for name, part in zip(positions, turned, strict=True)
+            }
         return result
 
     # -- closure equations -----------------------------------------------------------------------------------------
 
     def _closure(self, q: Values, names: Sequence[str]) -> tuple[Balls, _Jacobian]:
         """Values of the equations, (equations, poses), and their derivatives by freedoms."""
-        found, count = self._run(self._closing, _inputs("q", q)), len(self.loops.equations.equations)
-        places = [(k, row, name) for k, (row, name) in enumerate(self.loops.equations.jacobian) if name in names]
+        found, count = (
+            self._run(self._closing, _inputs("q", q)),
+            len(self.loops.equations.equations),
+        )
+        places = [
+            (k, row, name)
+            for k, (row, name) in enumerate(self.loops.equations.jacobian)
+            if name in names
+        ]
         rows = np.array([row for _, row, _ in places], dtype=np.intp)
         columns = np.array([names.index(name) for *_, name in places], dtype=np.intp)
-        return found[:count], _Jacobian((count, len(names)), rows, columns, found[[count + k for k, *_ in places]])
+        return found[:count], _Jacobian(
+            (count, len(names)), rows, columns, found[[count + k for k, *_ in places]]
+        )
 
     def _bias(self, q: Values, speeds: Values) -> Balls:
         """J̇ q̇ for every equation, (equations, poses), from the first two coefficients along the motion."""
         changes = dict(speeds)
         for positions, velocities in self._balls:
-            turned = quaternion_times([q[name] for name in positions], [speeds[name] / 2 for name in velocities])
+            turned = quaternion_times(
+                [q[name] for name in positions],
+                [speeds[name] / 2 for name in velocities],
+            )
             changes |= dict(zip(positions, turned, strict=True))
-        jacobian = self._closure({name: _series(x, changes[name]) for name, x in q.items()}, self._names)[1]
+        jacobian = self._closure(
+            {name: _series(x, changes[name]) for name, x in q.items()}, self._names
+        )[1]
         rates = np.array([speeds[name] for name in self._names], dtype=object)
-        return replace(jacobian, values=_slope(jacobian.values)).times(rates[:, None])[:, 0]
+        return replace(jacobian, values=_slope(jacobian.values)).times(rates[:, None])[
+            :, 0
+        ]
 
-    def _virtual(self, q: Values, values: Values, rng: np.random.Generator, motions: int) -> Values:
+    def _virtual(
+        self, q: Values, values: Values, rng: np.random.Generator, motions: int
+    ) -> Values:
         """Virtual velocities that keep the loops closed, at motions through poses."""
         speeds = list(self.loops.speeds or ())
         names = [*self._names, *(name for name in speeds if name not in self._names)]
-        given, shape = [names.index(name) for name in speeds], (len(names), motions, len(next(iter(q.values()))))
+        given, shape = (
+            [names.index(name) for name in speeds],
+            (len(names), motions, len(next(iter(q.values())))),
+        )
         free = random_balls(rng, shape) if self.loops.speeds is None else _zeros(shape)
         if given:
             free[given] = self._run(self._speeds, values).reshape(-1, *shape[1:])
@@ -295,19 +405,32 @@ class ClosedBalls:
 
     def _run(self, schedule: StagedSchedule, values: Values) -> Balls:
         states = len(next(iter(values.values())))
-        return schedule.moving.run(self._arithmetic, self._leaves(schedule, values, states), states)
+        return schedule.moving.run(
+            self._arithmetic, self._leaves(schedule, values, states), states
+        )
 
-    def _leaves(self, schedule: StagedSchedule, values: Values, states: int) -> dict[int, Balls]:
+    def _leaves(
+        self, schedule: StagedSchedule, values: Values, states: int
+    ) -> dict[int, Balls]:
         """Values of leaves at all states: inputs, and what depends on symbols alone."""
         kept = self._kept.get(id(schedule))
         if kept is None:
-            kept = self._kept[id(schedule)] = schedule.kept(self._arithmetic, self._sets, self._count)
+            kept = self._kept[id(schedule)] = schedule.kept(
+                self._arithmetic, self._sets, self._count
+            )
         each = len(self._real) // self._count
-        leaves = {node: np.resize(np.repeat(value, each), states) for node, value in kept.items()}
-        return leaves | {node: values[self.program.inputs[node].name] for node in schedule.leaves}
+        leaves = {
+            node: np.resize(np.repeat(value, each), states)
+            for node, value in kept.items()
+        }
+        return leaves | {
+            node: values[self.program.inputs[node].name] for node in schedule.leaves
+        }
 
 
-def closed_states(loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats) -> ClosedBalls:
+def closed_states(
+    loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats
+) -> ClosedBalls:
     """Closed poses in ball arithmetic next to some in doubles, at the loops' own values or others of some symbols.
 
     Parameters
@@ -323,13 +446,25 @@ def closed_states(loops: Loops, at: Sequence[Mapping[str, str]], poses: Floats) 
     DegenerateSampleError
         If the loops do not close at other values.
     """
-    values, wanted = [{**loops.values, **given} for given in at], np.tile(poses, (len(at), 1))
+    values, wanted = (
+        [{**loops.values, **given} for given in at],
+        np.tile(poses, (len(at), 1)),
+    )
     if any(given != loops.values for given in values):
         floats = [floats_of(given) for given in values]
-        spread = {name: np.repeat([given[name] for given in floats], len(poses)) for name in loops.values}
+        spread = {
+            name: np.repeat([given[name] for given in floats], len(poses))
+            for name in loops.values
+        }
         wanted = loops.followed(wanted, spread)
-    balls = [{name: stated_ball(text) for name, text in given.items()} for given in values]
-    names = [given.name for given in loops.equations.program.inputs.values() if given.role == "symbol"]
+    balls = [
+        {name: stated_ball(text) for name, text in given.items()} for given in values
+    ]
+    names = [
+        given.name
+        for given in loops.equations.program.inputs.values()
+        if given.role == "symbol"
+    ]
     symbols = {name: np.array([b[name] for b in balls], dtype=object) for name in names}
     return ClosedBalls(loops, symbols, wanted)
 
@@ -344,14 +479,20 @@ def _solved(jacobian: Balls, chosen: _Choice, opening: Balls, free: Balls) -> Ba
         if rows:
             square = flint.arb_mat(jacobian[np.ix_(rows, columns)][..., pose].tolist())
             solved = square.solve(flint.arb_mat((-opening[rows, :, pose]).tolist()))
-            result[columns, :, pose] = np.array(solved.entries(), dtype=object).reshape(len(columns), -1)
+            result[columns, :, pose] = np.array(solved.entries(), dtype=object).reshape(
+                len(columns), -1
+            )
     return result
 
 
 def _independent(matrix: Floats, count: int | None = None) -> list[int]:
     """Columns that span all columns, in doubles; of columns that are alike the first, whatever rounding says."""
     sizes, order = pivoted_qr(matrix * np.linspace(1.0, _LAST, matrix.shape[1]))
-    rank = int((sizes > NEGLIGIBLE * sizes.max(initial=0.0)).sum()) if count is None else count
+    rank = (
+        int((sizes > NEGLIGIBLE * sizes.max(initial=0.0)).sum())
+        if count is None
+        else count
+    )
     return sorted(order[:rank].tolist())
 
 
@@ -376,4 +517,6 @@ def _power_of_two(exponent: int) -> Any:
 def random_balls(rng: np.random.Generator, shape: tuple[int, ...]) -> Balls:
     """Random exact numbers."""
     numbers = rng.integers(-2 * STEPS, 2 * STEPS, size=shape)
-    return np.asarray(np.frompyfunc(lambda n: ball(Fraction(int(n), STEPS)), 1, 1)(numbers))
+    return np.asarray(
+        np.frompyfunc(lambda n: ball(Fraction(int(n), STEPS)), 1, 1)(numbers)
+    )

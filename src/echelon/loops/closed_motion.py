@@ -22,7 +22,13 @@ from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import Motion, MotionKind, Symbol
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.mechanism.stated import characteristic_length, symbol_values
-from echelon.mechanism.steps import Probes, Recorder, cut_names, quaternion_times, virtual_motion
+from echelon.mechanism.steps import (
+    Probes,
+    Recorder,
+    cut_names,
+    quaternion_times,
+    virtual_motion,
+)
 from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
 from echelon.program.tape import Program
 
@@ -48,7 +54,9 @@ REMEMBERED = 8
 """Mechanisms of which what takes time is kept."""
 
 _BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
-_STEP = 1e-30  # of a complex step: its square vanishes against 1, and nothing is subtracted
+_STEP = (
+    1e-30  # of a complex step: its square vanishes against 1, and nothing is subtracted
+)
 
 T = TypeVar("T")
 _Numbers = npt.NDArray[np.inexact]
@@ -68,18 +76,30 @@ class Known(Generic[T]):
 
 def identity(mechanism: Mechanism) -> Hashable:
     """All that closed configurations of a mechanism depend on."""
-    stated = (frozenset(values.items()) for values in (mechanism.symbols, mechanism.assembly))
-    return (mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.rounding, *stated)
+    stated = (
+        frozenset(values.items()) for values in (mechanism.symbols, mechanism.assembly)
+    )
+    return (
+        mechanism.bodies,
+        mechanism.couplings,
+        mechanism.closures,
+        mechanism.rounding,
+        *stated,
+    )
 
 
 @lru_cache(maxsize=REMEMBERED)
 def _recorded(known: Known[Mechanism]) -> tuple[ClosureEquations, StagedSchedule]:
     recorder = Recorder(known.subject, Program())
-    return _scheduled(record_closures(known.subject, recorder, Probes(known.subject, recorder)))
+    return _scheduled(
+        record_closures(known.subject, recorder, Probes(known.subject, recorder))
+    )
 
 
 def _scheduled(equations: ClosureEquations) -> tuple[ClosureEquations, StagedSchedule]:
-    return equations, StagedSchedule(equations.program, [*equations.equations, *equations.jacobian.values()])
+    return equations, StagedSchedule(
+        equations.program, [*equations.equations, *equations.jacobian.values()]
+    )
 
 
 class ClosureValues:
@@ -95,11 +115,28 @@ class ClosureValues:
         equations: ClosureEquations | None = None,
     ) -> None:
         self.mechanism = mechanism
-        moving = Known((mechanism.bodies, mechanism.couplings, mechanism.closures, mechanism.measured), mechanism)
-        equations, self._schedule = _recorded(moving) if equations is None else _scheduled(equations)
-        used = [self._schedule.program.inputs[node] for node in self._schedule.constants.leaves]
-        known = symbol_values(mechanism, [given.name for given in used if given.role == "symbol"], symbols)
-        self._kept = self._constant({name: np.array([value]) for name, value in known.items()}, 1)
+        moving = Known(
+            (
+                mechanism.bodies,
+                mechanism.couplings,
+                mechanism.closures,
+                mechanism.measured,
+            ),
+            mechanism,
+        )
+        equations, self._schedule = (
+            _recorded(moving) if equations is None else _scheduled(equations)
+        )
+        used = [
+            self._schedule.program.inputs[node]
+            for node in self._schedule.constants.leaves
+        ]
+        known = symbol_values(
+            mechanism, [given.name for given in used if given.role == "symbol"], symbols
+        )
+        self._kept = self._constant(
+            {name: np.array([value]) for name, value in known.items()}, 1
+        )
         self.rows: Sequence[int] = range(len(equations.owners))
         self._columns = {f"q[{name}]": k for k, name in enumerate(mechanism.positions)}
         # velocity coordinates, then the cuts of sensors
@@ -111,9 +148,13 @@ class ClosureValues:
         self.owners: tuple[str, ...] = equations.owners
         self.length = _length(mechanism, symbols or {})
         self.is_length = np.array(equations.is_length)
-        sliding = {m.name for m in mechanism.motions if m.kind is MotionKind.TRANSLATION}
+        sliding = {
+            m.name for m in mechanism.motions if m.kind is MotionKind.TRANSLATION
+        }
         sliding |= {name for cut, name in cuts.items() if not cut.angular}
-        self.units = np.array([self.length if name in sliding else 1.0 for name in self.freedoms])
+        self.units = np.array(
+            [self.length if name in sliding else 1.0 for name in self.freedoms]
+        )
 
     def _constant(self, symbols: Mapping[str, Floats], count: int) -> dict[int, Floats]:
         """What depends on symbols alone, at one set of their values or one for every configuration."""
@@ -132,40 +173,58 @@ class ClosureValues:
         other._kept = other._constant(symbols, len(next(iter(symbols.values()))))
         return other
 
-    def at(self, q: Floats, chosen: Integers | slice = slice(None)) -> tuple[Floats, Floats]:
+    def at(
+        self, q: Floats, chosen: Integers | slice = slice(None)
+    ) -> tuple[Floats, Floats]:
         """Values of the equations, shape (N, equations), and their Jacobian by freedoms, (N, equations, freedoms).
 
         Where every configuration has values of the symbols of its own, those of the chosen ones count.
         """
         values, jacobian = self._run(q, FloatArithmetic(), chosen)
-        jacobian[np.abs(jacobian) < NOISE] = 0  # equations that hold whatever moves have no largest singular value
+        jacobian[np.abs(jacobian) < NOISE] = (
+            0  # equations that hold whatever moves have no largest singular value
+        )
         return values.real, jacobian.real
 
     def bias(self, q: Floats, qd: Floats) -> Floats:
         """Second derivatives of the equations by time while the velocities stay as they are, (N, equations)."""
         velocities = qd.shape[1]
-        _, jacobian = self._run(q + 1j * _STEP * position_rates(self.mechanism, q, qd), _ComplexArithmetic())
+        _, jacobian = self._run(
+            q + 1j * _STEP * position_rates(self.mechanism, q, qd), _ComplexArithmetic()
+        )
         rates = jacobian.imag[:, :, :velocities] / _STEP
         result: Floats = (rates @ (qd / self.units[:velocities])[:, :, None])[:, :, 0]
         return result
 
     def _run(
-        self, q: _Numbers, arithmetic: FloatArithmetic, chosen: Integers | slice = slice(None)
+        self,
+        q: _Numbers,
+        arithmetic: FloatArithmetic,
+        chosen: Integers | slice = slice(None),
     ) -> tuple[_Numbers, _Numbers]:
         inputs, count = self._schedule.program.inputs, self._equations
         values = np.zeros((len(q), count), dtype=arithmetic.dtype)
         jacobian = np.zeros((len(q), count, len(self.freedoms)), dtype=arithmetic.dtype)
         for start in range(0, len(q), _BLOCK):
             block = slice(start, min(start + _BLOCK, len(q)))
-            leaves = {n: q[block, self._columns[inputs[n].name]] for n in self._schedule.leaves}
-            leaves |= {n: x if len(x) == 1 else x[chosen][block] for n, x in self._kept.items()}
-            table = self._schedule.moving.run(arithmetic, leaves, block.stop - block.start)
+            leaves = {
+                n: q[block, self._columns[inputs[n].name]]
+                for n in self._schedule.leaves
+            }
+            leaves |= {
+                n: x if len(x) == 1 else x[chosen][block] for n, x in self._kept.items()
+            }
+            table = self._schedule.moving.run(
+                arithmetic, leaves, block.stop - block.start
+            )
             values[block] = table[:count].T
             for (row, column), value in zip(self._entries, table[count:], strict=True):
                 jacobian[block, row, column] = value
         kept = list(self.rows)
         row_units = np.where(self.is_length, self.length, 1.0)
-        return values[:, kept] / row_units, jacobian[:, kept] * self.units / row_units[:, None]
+        return values[:, kept] / row_units, jacobian[:, kept] * self.units / row_units[
+            :, None
+        ]
 
 
 class ClosedMotion:
@@ -177,13 +236,20 @@ class ClosedMotion:
         symbols: Mapping[str, float] | None = None,
         equations: ClosureEquations | None = None,
     ) -> None:
-        self.mechanism, self.closures = mechanism, ClosureValues(mechanism, symbols, equations)
+        self.mechanism, self.closures = (
+            mechanism,
+            ClosureValues(mechanism, symbols, equations),
+        )
         self.symbols = symbols
-        self.explained = EXPLAINED * mechanism.rounding  # what rounding opens closures by, rad or lengths
+        self.explained = (
+            EXPLAINED * mechanism.rounding
+        )  # what rounding opens closures by, rad or lengths
         # singular values below this part of the largest one count as zero
         self.tolerance = max(NEGLIGIBLE, self.explained)
         names = mechanism.velocities
-        self._independent = [names.index(name) for name in mechanism.independent_velocities]
+        self._independent = [
+            names.index(name) for name in mechanism.independent_velocities
+        ]
         self._dependent = [k for k in range(len(names)) if k not in self._independent]
 
     @property
@@ -195,7 +261,9 @@ class ClosedMotion:
         """Derivatives of the closure equations by velocities, (N, equations, velocities)."""
         return self.closures.at(q)[1][:, :, : len(self.mechanism.velocities)]
 
-    def singular_values(self, q: Floats, columns: Sequence[int] | slice = slice(None)) -> Floats:
+    def singular_values(
+        self, q: Floats, columns: Sequence[int] | slice = slice(None)
+    ) -> Floats:
         """Singular values of the Jacobian, or of some of its columns, about the largest, shape (N, values)."""
         found = np.linalg.svd(self.jacobian(q)[:, :, columns], compute_uv=False)
         relative: Floats = found / np.maximum(found[:, :1], NOISE)
@@ -203,31 +271,53 @@ class ClosedMotion:
 
     def mobility(self, q: Floats) -> npt.NDArray[np.intp]:
         """Degrees of freedom in closed configurations, shape (N,)."""
-        ranks: npt.NDArray[np.intp] = (self.singular_values(q) > self.tolerance).sum(axis=1)
+        ranks: npt.NDArray[np.intp] = (self.singular_values(q) > self.tolerance).sum(
+            axis=1
+        )
         return len(self.mechanism.velocities) - ranks
 
     def free_velocities(self, q: Floats) -> Floats:
         """Orthonormal velocities that keep the loops closed in one configuration, shape (velocities, freedoms)."""
         _, singular, turned = np.linalg.svd(self.jacobian(q[None])[0])
-        free: Floats = turned[(singular > self.tolerance * singular.max(initial=0.0)).sum() :].T
+        free: Floats = turned[
+            (singular > self.tolerance * singular.max(initial=0.0)).sum() :
+        ].T
         return free
 
     def determined(self, q: Floats) -> Floats:
         """The smallest singular value of the equations for the dependent velocities, about the largest, shape (N,)."""
         unknown = len(self._dependent)
-        return self.singular_values(q, self._dependent)[:, unknown - 1] if unknown else np.ones(len(q))
+        return (
+            self.singular_values(q, self._dependent)[:, unknown - 1]
+            if unknown
+            else np.ones(len(q))
+        )
 
     def virtual_velocities(self, q: Floats) -> Floats:
         """Virtual velocities of all coordinates that belong to each output, shape (N, velocities, outputs)."""
-        freedoms = list(dict.fromkeys(name for motion in self.chosen_speeds for name in motion))
+        freedoms = list(
+            dict.fromkeys(name for motion in self.chosen_speeds for name in motion)
+        )
         given = [self.closures.freedoms.index(name) for name in freedoms]
-        speeds = np.array([[motion.get(name, 0.0) for motion in self.chosen_speeds] for name in freedoms])
-        speeds = speeds.reshape(len(freedoms), len(self.chosen_speeds)) / self.closures.units[given, None]
+        speeds = np.array(
+            [
+                [motion.get(name, 0.0) for motion in self.chosen_speeds]
+                for name in freedoms
+            ]
+        )
+        speeds = (
+            speeds.reshape(len(freedoms), len(self.chosen_speeds))
+            / self.closures.units[given, None]
+        )
         _, jacobian = self.closures.at(q)
         driven = jacobian[:, :, given] @ speeds
         solved = -self._solved(jacobian, driven)
-        self._check_determined(driven + jacobian[:, :, self._dependent] @ solved, driven)
-        result = np.zeros((len(q), len(self.closures.freedoms), len(self.chosen_speeds)))
+        self._check_determined(
+            driven + jacobian[:, :, self._dependent] @ solved, driven
+        )
+        result = np.zeros(
+            (len(q), len(self.closures.freedoms), len(self.chosen_speeds))
+        )
         result[:, given], result[:, self._dependent] = speeds, solved
         result *= self.closures.units[:, None]
         return result[:, : len(self.mechanism.velocities)]
@@ -239,8 +329,12 @@ class ClosedMotion:
         loose = (singular > self.tolerance * singular[:, :1]).sum(axis=1) < unknown
         if loose.any():
             sample = int(loose.argmax())
-            self._refuse_singular(sample, names[self._dependent[int(np.abs(turned[sample, -1]).argmax())]])
-        across: Floats = (left[:, :, :unknown].swapaxes(1, 2) @ right) / singular[:, :, None]
+            self._refuse_singular(
+                sample, names[self._dependent[int(np.abs(turned[sample, -1]).argmax())]]
+            )
+        across: Floats = (left[:, :, :unknown].swapaxes(1, 2) @ right) / singular[
+            :, :, None
+        ]
         return turned.swapaxes(1, 2) @ across
 
     @cached_property
@@ -250,7 +344,9 @@ class ClosedMotion:
         probes = Probes(self.mechanism, Recorder(self.mechanism, program))
         found: list[Mapping[str, float]] = []
         for output in self.mechanism.outputs:
-            chosen = virtual_motion(self.mechanism, probes, {output.name: program.one}).chosen
+            chosen = virtual_motion(
+                self.mechanism, probes, {output.name: program.one}
+            ).chosen
             schedule = Schedule(program, [speed.node for speed in chosen.values()])
             names = {n: program.inputs[n].name for n in schedule.leaves}
             values = symbol_values(self.mechanism, names.values(), self.symbols)
@@ -297,7 +393,11 @@ class ClosedMotion:
         values = self.closures.at(q[None])[0][0]
         worst = int(np.abs(values).argmax())
         if self.closures.is_length[worst]:
-            return self.closures.owners[worst], float(abs(values[worst]) * self.closures.length), "m"
+            return (
+                self.closures.owners[worst],
+                float(abs(values[worst]) * self.closures.length),
+                "m",
+            )
         return self.closures.owners[worst], float(abs(values[worst])), "rad"
 
 
@@ -338,4 +438,6 @@ def places(mechanism: Mechanism) -> Iterator[tuple[Motion, slice, slice]]:
 
 def _length(mechanism: Mechanism, symbols: Mapping[str, float]) -> float:
     given = {name: Symbol(name, value) for name, value in symbols.items()}
-    return characteristic_length(replace(mechanism, symbols={**mechanism.symbols, **given}))
+    return characteristic_length(
+        replace(mechanism, symbols={**mechanism.symbols, **given})
+    )

@@ -44,12 +44,16 @@ class ClosureEquations:
     # for an equation and a freedom (a velocity coordinate of the tree, or a sensor), the node of its derivative
     jacobian: Mapping[tuple[int, str], int]
     owners: tuple[str, ...]  # name of the closure of every equation
-    is_length: tuple[bool, ...]  # whether an equation is about a length, not about a direction
+    is_length: tuple[
+        bool, ...
+    ]  # whether an equation is about a length, not about a direction
     # on the second body, what each equation stands for, about the first frame's origin, in its axes
     wrenches: tuple[Wrench, ...]
 
 
-def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None) -> ClosureEquations:
+def record_closures(
+    mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None
+) -> ClosureEquations:
     """Record the closure equations on a recorder's program."""
     equations: list[int] = []
     owners: list[str] = []
@@ -58,7 +62,9 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
     sums: dict[tuple[int, str], Scalar] = {}
     for closure in mechanism.closures:
         loop = _Loop(mechanism, recorder, probes, closure)
-        is_length += [True] * len(closure.kind.positions) + [False] * len(closure.kind.directions)
+        is_length += [True] * len(closure.kind.positions) + [False] * len(
+            closure.kind.directions
+        )
         for value, (on_first, on_second) in loop.conditions():
             efforts = loop.efforts(on_first, on_second)
             for name, effort in _independent(recorder, efforts):
@@ -69,11 +75,18 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
             wrenches.append((_negative(on_first[0]), _negative(on_first[1])))
     jacobian = {key: value.node for key, value in sums.items() if not value.is_zero}
     return ClosureEquations(
-        recorder.program, tuple(equations), jacobian, tuple(owners), tuple(is_length), tuple(wrenches)
+        recorder.program,
+        tuple(equations),
+        jacobian,
+        tuple(owners),
+        tuple(is_length),
+        tuple(wrenches),
     )
 
 
-def _independent(recorder: Recorder, efforts: list[tuple[str, Scalar]]) -> Iterator[tuple[str, Scalar]]:
+def _independent(
+    recorder: Recorder, efforts: list[tuple[str, Scalar]]
+) -> Iterator[tuple[str, Scalar]]:
     """Efforts at coordinates that no coupling makes dependent."""
     for name, effort in efforts:
         if name in recorder.slopes:
@@ -86,7 +99,13 @@ def _independent(recorder: Recorder, efforts: list[tuple[str, Scalar]]) -> Itera
 class _Loop:
     """The two chains from the nearest common body to the frames that a closure holds together."""
 
-    def __init__(self, mechanism: Mechanism, recorder: Recorder, probes: Probes | None, closure: Closure) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        recorder: Recorder,
+        probes: Probes | None,
+        closure: Closure,
+    ) -> None:
         self.recorder, self.closure = recorder, closure
         first, second = ends_of(mechanism, closure)
         self.first = _chain(recorder, probes, first[::-1], closure.first_frame)
@@ -95,13 +114,18 @@ class _Loop:
     def conditions(self) -> Iterator[tuple[Scalar, tuple[Wrench, Wrench]]]:
         """Every equation with its unit wrench: on the first body, and on the second, each in the axes of its frame."""
         zeros, units = self.recorder.zeros, identity(self.recorder.program)
-        (axes, origin), (other_axes, other_origin) = self._frame(self.first), self._frame(self.second)
+        (axes, origin), (other_axes, other_origin) = (
+            self._frame(self.first),
+            self._frame(self.second),
+        )
         difference = add(other_origin, _negative(origin))
         positions = self.closure.kind.positions
         seen = _back(self.first, other_origin)
         for k in positions:
             direction, lever, value = units[k], zeros, difference[k]
-            if len(positions) < len(units):  # otherwise the axes of the common body serve, with fewer terms
+            if len(positions) < len(
+                units
+            ):  # otherwise the axes of the common body serve, with fewer terms
                 direction, value = apply(axes, units[k]), seen[k]
                 lever = apply(transpose(axes), cross(difference, direction))
             on_first = (_negative(lever), _negative(apply(transpose(axes), direction)))
@@ -112,11 +136,17 @@ class _Loop:
             moment = cross(b, a)
             on_first = (_negative(apply(transpose(axes), moment)), zeros)
             on_second = (apply(transpose(other_axes), moment), zeros)
-            yield dot(a, b) - self.recorder.program.constant(target), (on_first, on_second)
+            yield (
+                dot(a, b) - self.recorder.program.constant(target),
+                (on_first, on_second),
+            )
 
     def efforts(self, on_first: Wrench, on_second: Wrench) -> list[tuple[str, Scalar]]:
         """The effort that wrenches need at each freedom."""
-        return [*_carried_back(self.first, on_first), *_carried_back(self.second, on_second)]
+        return [
+            *_carried_back(self.first, on_first),
+            *_carried_back(self.second, on_second),
+        ]
 
     def _frame(self, chain: list[Step]) -> tuple[Mat, Vec]:
         """Axes and origin at the end of a chain, in the frame where it begins."""
@@ -130,10 +160,16 @@ class _Loop:
         return axes, origin
 
 
-def _chain(recorder: Recorder, probes: Probes | None, bodies: list[int], *frames: Placement) -> list[Step]:
+def _chain(
+    recorder: Recorder, probes: Probes | None, bodies: list[int], *frames: Placement
+) -> list[Step]:
     steps: list[Step] = []
     for body in bodies:
-        before, after = (probes.steps(body, True), probes.steps(body, False)) if probes else ([], [])
+        before, after = (
+            (probes.steps(body, True), probes.steps(body, False))
+            if probes
+            else ([], [])
+        )
         steps += [*before, *recorder.steps(body), *after]
     return [*steps, *(recorder.placement(frame) for frame in frames)]
 
@@ -152,7 +188,10 @@ def _carried_back(chain: list[Step], wrench: Wrench) -> Iterator[tuple[str, Scal
     moment, force = wrench
     for step in reversed(chain):
         for freedom in step.freedoms:
-            yield freedom.name, dot(freedom.angular, moment) + dot(freedom.linear, force)
+            yield (
+                freedom.name,
+                dot(freedom.angular, moment) + dot(freedom.linear, force),
+            )
         if step.rotation is not None:
             moment, force = apply(step.rotation, moment), apply(step.rotation, force)
         if step.shift is not None:

@@ -33,13 +33,23 @@ def independent_coordinates(
 
     def take(names: Sequence[str]) -> None:
         """Take coordinates as a whole, if all stay independent."""
-        more = [place[name] for name in names if name in place and place[name] not in chosen]
+        more = [
+            place[name] for name in names if name in place and place[name] not in chosen
+        ]
         if more and rank(chosen + more) == len(chosen) + len(more):
             chosen.extend(more)
 
     joints = _near_the_base(mechanism)
-    whole = {joint.name: [name for motion in joint.motions for name in motion.velocities] for joint in joints}
-    motions = [m for joint in joints for m in joint.motions if m.name not in mechanism.dependent]
+    whole = {
+        joint.name: [name for motion in joint.motions for name in motion.velocities]
+        for joint in joints
+    }
+    motions = [
+        m
+        for joint in joints
+        for m in joint.motions
+        if m.name not in mechanism.dependent
+    ]
     balls = [m.velocities for m in motions if m.kind is MotionKind.BALL]
     single = [place[m.name] for m in motions if m.kind is not MotionKind.BALL]
     for name in first:
@@ -48,7 +58,9 @@ def independent_coordinates(
         if joint.kind == "floating":
             take(whole[joint.name])
     for ball in balls:
-        if rank([*chosen, *(place[name] for name in ball), *single]) > rank([*chosen, *single]):
+        if rank([*chosen, *(place[name] for name in ball), *single]) > rank(
+            [*chosen, *single]
+        ):
             take(ball)
     for joint in joints:
         if all(motion.kind is not MotionKind.BALL for motion in joint.motions):
@@ -56,8 +68,14 @@ def independent_coordinates(
     for column in single:
         take([mechanism.velocities[column]])
     for ball in balls:
-        turning = [0] * len(ball) if real is None else _left([place[name] for name in ball], chosen, real)
-        for _, name in sorted(zip(turning, ball, strict=True), key=lambda part: -part[0]):
+        turning = (
+            [0] * len(ball)
+            if real is None
+            else _left([place[name] for name in ball], chosen, real)
+        )
+        for _, name in sorted(
+            zip(turning, ball, strict=True), key=lambda part: -part[0]
+        ):
             take([name])
     return tuple(name for name, k in place.items() if k in chosen)
 
@@ -74,4 +92,7 @@ def _near_the_base(mechanism: Mechanism) -> list[Joint]:
     depth: dict[int, int] = {GROUND: 0}
     for index, body in enumerate(mechanism.bodies):
         depth[index] = depth[body.parent] + 1
-    return [mechanism.bodies[k].joint for k in sorted(range(len(mechanism.bodies)), key=depth.__getitem__)]
+    return [
+        mechanism.bodies[k].joint
+        for k in sorted(range(len(mechanism.bodies)), key=depth.__getitem__)
+    ]

@@ -36,18 +36,28 @@ class DependentMotion:
     def __init__(self, mechanism: Mechanism, program: Program) -> None:
         self.mechanism, self.program = mechanism, program
         self._recorder = Recorder(mechanism, program)
-        found = record_closures(mechanism, self._recorder, Probes(mechanism, self._recorder))
+        found = record_closures(
+            mechanism, self._recorder, Probes(mechanism, self._recorder)
+        )
         rows = [row for row, kept in enumerate(_kept(mechanism)) if kept]
-        self._owners, self._wrenches, self._is_length = found.owners, found.wrenches, found.is_length
+        self._owners, self._wrenches, self._is_length = (
+            found.owners,
+            found.wrenches,
+            found.is_length,
+        )
         self._openings = {row: Scalar(program, found.equations[row]) for row in rows}
         self._columns: dict[str, dict[int, Scalar]] = {}
         for (row, name), node in found.jacobian.items():
             if row in self._openings:
                 self._columns.setdefault(name, {})[row] = Scalar(program, node)
         self.dependent = mechanism.dependent_velocities
-        loose = next((name for name in self.dependent if name not in self._columns), None)
+        loose = next(
+            (name for name in self.dependent if name not in self._columns), None
+        )
         if loose is not None:
-            raise InputError(f"'{loose}' is in no loop and not independent", element="independent")
+            raise InputError(
+                f"'{loose}' is in no loop and not independent", element="independent"
+            )
         columns = {name: self._columns[name] for name in self.dependent}
         weights = {row: 1 / unit**2 for row, unit in self.row_units.items()}
         self._system = LeastSquares(program, columns, weights)
@@ -60,24 +70,41 @@ class DependentMotion:
     @cached_property
     def units(self) -> dict[str, Fraction]:
         """Units of velocity coordinates: the characteristic length where they slide."""
-        sliding = {m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION}
-        return {name: self.length if name in sliding else Fraction(1) for name in self.mechanism.velocities}
+        sliding = {
+            m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION
+        }
+        return {
+            name: self.length if name in sliding else Fraction(1)
+            for name in self.mechanism.velocities
+        }
 
     @cached_property
     def jacobian(self) -> dict[tuple[int, str], Scalar]:
         """Derivatives of the closure equations that count, by equation and velocity coordinate."""
         names = self.mechanism.velocities
-        return {(row, name): entry for name in names for row, entry in self._columns.get(name, {}).items()}
+        return {
+            (row, name): entry
+            for name in names
+            for row, entry in self._columns.get(name, {}).items()
+        }
 
     @cached_property
     def row_units(self) -> dict[int, Fraction]:
         """Units of the closure equations that count, by their numbers: lengths are in characteristic lengths."""
-        return {row: self.length if self._is_length[row] else Fraction(1) for row in self._openings}
+        return {
+            row: self.length if self._is_length[row] else Fraction(1)
+            for row in self._openings
+        }
 
     @property
     def openness(self) -> Scalar:
         """(Σ 1/σ²)^(−1/2) over the singular values of J_D in these units: how far the pose is from a singular one."""
-        return 1 / self._system.inverse_square({name: self.units[name] for name in self.dependent}).sqrt()
+        return (
+            1
+            / self._system.inverse_square(
+                {name: self.units[name] for name in self.dependent}
+            ).sqrt()
+        )
 
     @property
     def pivots(self) -> dict[str, Scalar]:
@@ -93,14 +120,22 @@ class DependentMotion:
         free = self.mechanism.independent_velocities
         zero = self.program.zero
         qd, qdd = (
-            {n: zero if kind in still else self.program.input(f"{kind}[{n}]") for n in free} for kind in ("qd", "qdd")
+            {
+                n: zero if kind in still else self.program.input(f"{kind}[{n}]")
+                for n in free
+            }
+            for kind in ("qd", "qdd")
         )
         qd |= self._solved(self._opened(qd))
         opening = self._opened({name: qdd[name] for name in free})
         for row, value in self.bias(qd).items():
             opening[row] = opening.get(row, zero) + value
         qdd |= self._solved(opening)
-        return {f"{kind}[{n}]": value for kind, found in (("qd", qd), ("qdd", qdd)) for n, value in found.items()}
+        return {
+            f"{kind}[{n}]": value
+            for kind, found in (("qd", qd), ("qdd", qdd))
+            for n, value in found.items()
+        }
 
     def closed_positions(self) -> list[Scalar]:
         """Positions after one step of Newton's iteration; those of independent coordinates stay."""
@@ -115,10 +150,20 @@ class DependentMotion:
 
     def position_rates(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
         """Rates of the positions' inputs, by node, from those of velocity coordinates; zero where absent."""
-        pairs = (zip(position, change, strict=True) for position, change in self._moved(speeds))
-        return {position.node: rate for pair in pairs for position, rate in pair if not rate.is_zero}
+        pairs = (
+            zip(position, change, strict=True)
+            for position, change in self._moved(speeds)
+        )
+        return {
+            position.node: rate
+            for pair in pairs
+            for position, rate in pair
+            if not rate.is_zero
+        }
 
-    def closing_wrenches(self, efforts: Mapping[str, Scalar]) -> dict[str, tuple[Scalar, ...]]:
+    def closing_wrenches(
+        self, efforts: Mapping[str, Scalar]
+    ) -> dict[str, tuple[Scalar, ...]]:
         """Wrenches of the closures, by their names, that make the efforts of the dependent coordinates.
 
         Moment and force on the second body about the first frame's origin, in its axes; where constraints are
@@ -127,7 +172,14 @@ class DependentMotion:
         multipliers = self._system.solve_transposed(efforts)
         return {
             name: tuple(
-                sum((component * multipliers[row] for row, component in parts if row in multipliers), self.program.zero)
+                sum(
+                    (
+                        component * multipliers[row]
+                        for row, component in parts
+                        if row in multipliers
+                    ),
+                    self.program.zero,
+                )
                 for parts in components
             )
             for name, components in self._components.items()
@@ -135,7 +187,10 @@ class DependentMotion:
 
     def determined(self) -> dict[str, tuple[Scalar, ...]]:
         """For every component of these wrenches, how much of it the efforts determine: 1, or less if redundant."""
-        return {n: tuple(self._system.share(dict(p)) for p in parts) for n, parts in self._components.items()}
+        return {
+            n: tuple(self._system.share(dict(p)) for p in parts)
+            for n, parts in self._components.items()
+        }
 
     @cached_property
     def _components(self) -> dict[str, list[list[tuple[int, Scalar]]]]:
@@ -143,15 +198,22 @@ class DependentMotion:
         found: dict[str, list[list[tuple[int, Scalar]]]] = {}
         for closure in self.mechanism.closures:
             rows = [row for row in self._openings if self._owners[row] == closure.name]
-            wrenches = {row: (*self._wrenches[row][0], *self._wrenches[row][1]) for row in rows}
-            found[closure.name] = [[(r, w[k]) for r, w in wrenches.items() if not w[k].is_zero] for k in range(6)]
+            wrenches = {
+                row: (*self._wrenches[row][0], *self._wrenches[row][1]) for row in rows
+            }
+            found[closure.name] = [
+                [(r, w[k]) for r, w in wrenches.items() if not w[k].is_zero]
+                for k in range(6)
+            ]
         return found
 
     def bias(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
         """J̇ q̇: accelerations of the closure equations that velocities alone cause, by equation."""
         total: dict[int, Scalar] = {}
         if seeds := self.position_rates(speeds):
-            changes = rates(self.program, [entry.node for entry in self.jacobian.values()], seeds)
+            changes = rates(
+                self.program, [entry.node for entry in self.jacobian.values()], seeds
+            )
             for (row, name), change in zip(self.jacobian, changes, strict=True):
                 total[row] = total.get(row, self.program.zero) + change * speeds[name]
         return total
@@ -169,7 +231,9 @@ class DependentMotion:
     def _solved(self, opening: Mapping[int, Scalar]) -> dict[str, Scalar]:
         return self._system.solve({row: -value for row, value in opening.items()})
 
-    def _moved(self, speeds: Mapping[str, Scalar]) -> Iterator[tuple[tuple[Scalar, ...], list[Scalar]]]:
+    def _moved(
+        self, speeds: Mapping[str, Scalar]
+    ) -> Iterator[tuple[tuple[Scalar, ...], list[Scalar]]]:
         """The positions of every motion and their rates; a quaternion's is half its product with the velocity."""
         for motion in self.mechanism.free_motions:
             position = self._recorder.coordinates[motion.name].position

@@ -48,12 +48,16 @@ class Loops:
     def closing(self) -> StagedSchedule:
         """The closure equations and their derivatives."""
         equations = self.equations
-        return StagedSchedule(equations.program, [*equations.equations, *equations.jacobian.values()])
+        return StagedSchedule(
+            equations.program, [*equations.equations, *equations.jacobian.values()]
+        )
 
     @cached_property
     def driven(self) -> StagedSchedule:
         """The virtual velocities that are known."""
-        return StagedSchedule(self.equations.program, list((self.speeds or {}).values()))
+        return StagedSchedule(
+            self.equations.program, list((self.speeds or {}).values())
+        )
 
     def poses(self, rng: np.random.Generator, count: int) -> Floats:
         """Random closed poses in double precision at :attr:`values`, shape (count, positions)."""
@@ -62,11 +66,15 @@ class Loops:
     @cached_property
     def near_poses(self) -> Floats:
         """Some random closed poses that are near the assembly pose, shape (poses, positions)."""
-        return self.assembly.random_closed_states(random_generator(DEFAULT_SEED), POSES, NEARBY)[0]
+        return self.assembly.random_closed_states(
+            random_generator(DEFAULT_SEED), POSES, NEARBY
+        )[0]
 
     def known_poses(self, first: int, count: int) -> Floats:
         """Some of a sequence of random closed poses that is drawn once, shape (count, positions)."""
-        pool = _pool(Known((identity(self.mechanism), frozenset(self.values.items())), self))
+        pool = _pool(
+            Known((identity(self.mechanism), frozenset(self.values.items())), self)
+        )
         while len(pool.poses) < first + count:
             pool.grow()
         return pool.poses[first : first + count]
@@ -79,7 +87,9 @@ class Loops:
         """Closed poses at other values of the symbols, one for each pose, next to closed poses at :attr:`values`."""
         poses, done = self.assembly.at(symbols).closed(poses, iterations=FEW)
         if not done.all():
-            raise DegenerateSampleError("the loops do not close at these values of the symbols")
+            raise DegenerateSampleError(
+                "the loops do not close at these values of the symbols"
+            )
         return poses
 
     @property
@@ -91,7 +101,10 @@ class Loops:
     @cached_property
     def singular(self) -> bool:
         """Whether more motions are possible at the assembly pose than near it, so that ways of assembly may meet."""
-        at_pose, near = (self.assembly.mobility(q) for q in (self.assembly.pose[None], self.known_poses(0, POSES)))
+        at_pose, near = (
+            self.assembly.mobility(q)
+            for q in (self.assembly.pose[None], self.known_poses(0, POSES))
+        )
         return bool(at_pose[0] > near.min())
 
     @cached_property
@@ -105,10 +118,15 @@ class Loops:
 
 
 def loops_of(
-    mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None, speeds: Mapping[str, Scalar] | None = None
+    mechanism: Mechanism,
+    recorder: Recorder,
+    probes: Probes | None = None,
+    speeds: Mapping[str, Scalar] | None = None,
 ) -> Loops:
     """What keeps forms that were recorded for a mechanism with loops on closed configurations."""
-    nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
+    nodes = (
+        None if speeds is None else {name: speed.node for name, speed in speeds.items()}
+    )
     return Loops(mechanism, record_closures(mechanism, recorder, probes), nodes)
 
 
@@ -133,7 +151,9 @@ class _Pool:
 
     def grow(self) -> None:
         """Draw as many poses as there are, or the first ones."""
-        self.poses = np.vstack([self.poses, self._loops.poses(self._rng, max(len(self.poses), TOGETHER))])
+        self.poses = np.vstack(
+            [self.poses, self._loops.poses(self._rng, max(len(self.poses), TOGETHER))]
+        )
 
 
 @lru_cache(maxsize=REMEMBERED)
@@ -173,8 +193,12 @@ def floats_of(values: Mapping[str, str]) -> dict[str, float]:
     return {name: float(stated_ball(text).mid()) for name, text in values.items()}
 
 
-def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+def real_inputs(
+    mechanism: Mechanism, rng: np.random.Generator, count: int
+) -> dict[str, Floats]:
     """Random closed states and values of symbols, by the names of program inputs."""
     values = floats_of(closing_values(mechanism))
     states = Assembly(mechanism, values).random_closed_states(rng, count)
-    return {name: np.full(count, value) for name, value in values.items()} | state_inputs(mechanism, *states)
+    return {
+        name: np.full(count, value) for name, value in values.items()
+    } | state_inputs(mechanism, *states)

@@ -32,7 +32,14 @@ from echelon.errors import InputError, SlowWarning
 from echelon.machine.kernel_text import Block, kernel_text, prepare_text
 from echelon.machine.operations_text import Lowered, Vector, lowered, module_text
 from echelon.machine.rows_text import rows_of, rows_text
-from echelon.machine.target import Library, Target, cached_object, compiles, host, object_code
+from echelon.machine.target import (
+    Library,
+    Target,
+    cached_object,
+    compiles,
+    host,
+    object_code,
+)
 from echelon.program.function import Argument, Function
 from echelon.program.schedule import FloatArithmetic, Schedule
 
@@ -45,16 +52,24 @@ class Batch:
     """Arguments of many samples."""
 
     samples: int
-    columns: tuple[Floats, ...]  # arguments that vary, of shape (samples, size), each row contiguous
+    columns: tuple[
+        Floats, ...
+    ]  # arguments that vary, of shape (samples, size), each row contiguous
     uniform: Floats  # the others, one after another
 
     def part(self, first: int, end: int) -> Batch:
         """Some of the samples, in place."""
-        return Batch(end - first, tuple(column[first:end] for column in self.columns), self.uniform)
+        return Batch(
+            end - first,
+            tuple(column[first:end] for column in self.columns),
+            self.uniform,
+        )
 
     def copy(self) -> Batch:
         """A copy of the samples, which no other code can change."""
-        return Batch(self.samples, tuple(column.copy() for column in self.columns), self.uniform)
+        return Batch(
+            self.samples, tuple(column.copy() for column in self.columns), self.uniform
+        )
 
     @staticmethod
     def joined(pieces: Sequence[Batch]) -> Batch:
@@ -77,8 +92,14 @@ def batch(arguments: Sequence[Argument], values: Mapping[str, npt.ArrayLike]) ->
             continue
         array = np.atleast_2d(array)
         whole = array.strides[1] == _DOUBLE or len(argument) < 2
-        columns.append(array if whole and array.flags.aligned else np.ascontiguousarray(array))
-    return Batch(_sample_count(arguments, [len(c) for c in columns]), tuple(columns), np.concatenate(uniform))
+        columns.append(
+            array if whole and array.flags.aligned else np.ascontiguousarray(array)
+        )
+    return Batch(
+        _sample_count(arguments, [len(c) for c in columns]),
+        tuple(columns),
+        np.concatenate(uniform),
+    )
 
 
 def value_of(argument: Argument, values: Mapping[str, Any]) -> Any:
@@ -93,12 +114,16 @@ def _check_shape(argument: Argument, shape: tuple[int, ...]) -> None:
     size = len(argument)
     if shape != (size,) and (argument.uniform or len(shape) != 2 or shape[1] != size):
         expected = f"({size},)" if argument.uniform else f"(samples, {size})"
-        raise InputError(f"{argument.name} has shape {shape}; expected {expected}: {_contents(argument)}")
+        raise InputError(
+            f"{argument.name} has shape {shape}; expected {expected}: {_contents(argument)}"
+        )
 
 
 def _sample_count(arguments: Sequence[Argument], lengths: Sequence[int]) -> int:
     """The number of samples, given that of each argument that varies; 1 if none does."""
-    counts = dict(zip((a.name for a in arguments if not a.uniform), lengths, strict=True))
+    counts = dict(
+        zip((a.name for a in arguments if not a.uniform), lengths, strict=True)
+    )
     if len(set(lengths)) > 1:
         shown = ", ".join(f"{name} {count}" for name, count in counts.items())
         raise InputError(f"arguments have different numbers of samples: {shown}")
@@ -108,7 +133,9 @@ def _sample_count(arguments: Sequence[Argument], lengths: Sequence[int]) -> int:
 def real_array(name: str, values: npt.ArrayLike) -> Floats:
     """An array in double precision; one that already is stays where it is."""
     if np.ma.is_masked(values):
-        raise InputError(f"{name} has masked values; leave out samples that are not complete")
+        raise InputError(
+            f"{name} has masked values; leave out samples that are not complete"
+        )
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -118,7 +145,9 @@ def real_array(name: str, values: npt.ArrayLike) -> Floats:
     return array.astype(np.float64, copy=False)
 
 
-def result_array(shape: tuple[int, ...], out: Floats | None, inputs: Sequence[Floats]) -> Floats:
+def result_array(
+    shape: tuple[int, ...], out: Floats | None, inputs: Sequence[Floats]
+) -> Floats:
     """The array to write a result to: a new one, or the caller's after a check."""
     if out is None:
         return aligned(shape)
@@ -131,13 +160,17 @@ def result_array(shape: tuple[int, ...], out: Floats | None, inputs: Sequence[Fl
     if not out.flags.writeable:
         raise InputError("out is read-only")
     if not (out.flags.c_contiguous and out.flags.aligned):
-        raise InputError("out is not contiguous in C order; rows are written one after another")
+        raise InputError(
+            "out is not contiguous in C order; rows are written one after another"
+        )
     if any(np.may_share_memory(out, array) for array in inputs):
         raise InputError("out overlaps an input, which would change while it is read")
     return out
 
 
-def aligned(shape: tuple[int, ...], *, zero: bool = False, boundary: int = _LINE) -> Floats:
+def aligned(
+    shape: tuple[int, ...], *, zero: bool = False, boundary: int = _LINE
+) -> Floats:
     """A new array that starts on a cache line, or on another multiple of bytes."""
     count = prod(shape)
     raw = (np.zeros if zero else np.empty)(count * _DOUBLE + boundary, dtype=np.uint8)
@@ -152,7 +185,9 @@ def _contents(argument: Argument) -> str:
 
 # -- without LLVM ------------------------------------------------------------------------------------------------------
 
-_TOGETHER = 1 << 17  # values of nodes that are computed together, which stay in the cache
+_TOGETHER = (
+    1 << 17
+)  # values of nodes that are computed together, which stay in the cache
 _LARGE = 10**9  # operations: several seconds
 _SLOW = 'NumPy computes this; machine code takes a tenth of the time or less: pip install "echelon-robotics[fast]"'
 
@@ -163,7 +198,9 @@ class Interpreted:
     def __init__(self, function: Function) -> None:
         self.function = function
 
-    def __call__(self, given: Batch, together: int | None = None) -> Iterator[tuple[int, Floats]]:
+    def __call__(
+        self, given: Batch, together: int | None = None
+    ) -> Iterator[tuple[int, Floats]]:
         """The first sample of each piece of a batch, with the entries there, of shape (entries, samples)."""
         schedule = self._schedule
         if schedule.size * given.samples > _LARGE:
@@ -172,7 +209,10 @@ class Interpreted:
         for first in range(0, given.samples, together):
             piece = given.part(first, min(first + together, given.samples))
             with np.errstate(all="ignore"):
-                yield first, schedule.run(FloatArithmetic(), self._values(piece), piece.samples)
+                yield (
+                    first,
+                    schedule.run(FloatArithmetic(), self._values(piece), piece.samples),
+                )
 
     @cached_property
     def _schedule(self) -> Schedule:
@@ -180,10 +220,16 @@ class Interpreted:
 
     def _values(self, piece: Batch) -> dict[int, Floats]:
         """Values of the inputs by node."""
-        uniform = [node for a in self.function.arguments if a.uniform for node in a.nodes]
-        varying = [node for a in self.function.arguments if not a.uniform for node in a.nodes]
+        uniform = [
+            node for a in self.function.arguments if a.uniform for node in a.nodes
+        ]
+        varying = [
+            node for a in self.function.arguments if not a.uniform for node in a.nodes
+        ]
         columns = [column for array in piece.columns for column in array.T]
-        return dict(zip(uniform, piece.uniform, strict=True)) | dict(zip(varying, columns, strict=True))
+        return dict(zip(uniform, piece.uniform, strict=True)) | dict(
+            zip(varying, columns, strict=True)
+        )
 
 
 # -- machine code ------------------------------------------------------------------------------------------------------
@@ -191,7 +237,9 @@ class Interpreted:
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
 _COMPUTE = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER)
 _RUN = (*_COMPUTE, _POINTER)
-_CACHED_BYTES = 1 << 22  # results beyond this size leave the caches before anyone reads them
+_CACHED_BYTES = (
+    1 << 22
+)  # results beyond this size leave the caches before anyone reads them
 _PAGE = 4096  # bytes
 _FEWEST = 512  # samples worth a thread of their own
 _SHARES = 4  # pieces per thread, so that a thread that is held up does not hold up all
@@ -203,7 +251,9 @@ class Kernel:
     Results of a sparse kernel hold the function's entries in their order, and no structural zeros.
     """
 
-    def __init__(self, function: Function, *, sparse: bool = False, target: Target | None = None) -> None:
+    def __init__(
+        self, function: Function, *, sparse: bool = False, target: Target | None = None
+    ) -> None:
         self.function, self.sparse = function, sparse
         self._asked = target
         self._codes: dict[bool, _Code] = {}
@@ -220,7 +270,10 @@ class Kernel:
         return (len(self.function.entries),) if self.sparse else self.function.shape
 
     def __call__(
-        self, values: Mapping[str, npt.ArrayLike], out: Floats | None = None, threads: int | None = None
+        self,
+        values: Mapping[str, npt.ArrayLike],
+        out: Floats | None = None,
+        threads: int | None = None,
     ) -> Floats:
         r"""Evaluate the function; returns an array of shape (samples, \*shape).
 
@@ -247,9 +300,13 @@ class Kernel:
         flat = result.reshape(given.samples, len(places))
         flat[:, places < 0] = 0.0
         for first, entries in self._interpreted(given):
-            flat[first : first + entries.shape[1], places >= 0] = entries[places[places >= 0]].T
+            flat[first : first + entries.shape[1], places >= 0] = entries[
+                places[places >= 0]
+            ].T
 
-    def _runner(self, given: Batch, result: Floats) -> Callable[[tuple[int, int]], None]:
+    def _runner(
+        self, given: Batch, result: Floats
+    ) -> Callable[[tuple[int, int]], None]:
         """What computes a piece of a batch, from its first sample to its end."""
         code = self._code(big=result.nbytes > _CACHED_BYTES)
         arrays = code.inputs(given)
@@ -264,9 +321,16 @@ class Kernel:
     def _code(self, *, big: bool) -> _Code:
         """Code for results beyond the caches, or within."""
         if big not in self._codes:
-            rows = rows_of(lowered(self.function), Vector(self.target.lanes), self._places(), big=big)
+            rows = rows_of(
+                lowered(self.function),
+                Vector(self.target.lanes),
+                self._places(),
+                big=big,
+            )
             text = module_text(kernel_text(rows.block), rows_text(rows))
-            self._codes[big] = _Code(rows.block.lowered, text, ("run", _RUN), rows.doubles, self.target)
+            self._codes[big] = _Code(
+                rows.block.lowered, text, ("run", _RUN), rows.doubles, self.target
+            )
         return self._codes[big]
 
     def _places(self) -> tuple[int, ...]:
@@ -282,14 +346,18 @@ class Kernel:
         return {**vars(self), "_codes": {}}
 
     def __repr__(self) -> str:
-        made_for = f"{self.target.cpu}, {self.target.lanes} lanes" if compiles() else "NumPy"
+        made_for = (
+            f"{self.target.cpu}, {self.target.lanes} lanes" if compiles() else "NumPy"
+        )
         return f"Kernel({self.function}, {made_for})"
 
 
 class Columns:
     """A function's entries for a block of samples at a time, each entry's values one after another."""
 
-    def __init__(self, function: Function, samples: int, target: Target | None = None) -> None:
+    def __init__(
+        self, function: Function, samples: int, target: Target | None = None
+    ) -> None:
         self.function, self.samples, self._asked = function, samples, target
         self._made: _Code | None = None
         self._interpreted = Interpreted(function)
@@ -297,7 +365,9 @@ class Columns:
     def __call__(self, given: Batch) -> Iterator[Floats]:
         """Arrays of shape (entries, samples); each is valid until the next one is asked for."""
         if not compiles():
-            yield from (entries for _, entries in self._interpreted(given, self.samples))
+            yield from (
+                entries for _, entries in self._interpreted(given, self.samples)
+            )
             return
         code, entries = self._code(), len(self.function.entries)
         arrays = code.inputs(given)
@@ -305,14 +375,25 @@ class Columns:
             table = scratch[: entries * self.samples].reshape(entries, self.samples)
             for first in range(0, given.samples, self.samples):
                 count = min(self.samples, given.samples - first)
-                code.run(*(array.ctypes.data for array in arrays), first, count, scratch.ctypes.data)
+                code.run(
+                    *(array.ctypes.data for array in arrays),
+                    first,
+                    count,
+                    scratch.ctypes.data,
+                )
                 yield table[:, :count]
 
     def _code(self) -> _Code:
         if self._made is None:
             target = self._asked or host()
             block = Block(lowered(self.function), Vector(target.lanes), self.samples)
-            self._made = _Code(block.lowered, kernel_text(block), ("compute", _COMPUTE), block.doubles, target)
+            self._made = _Code(
+                block.lowered,
+                kernel_text(block),
+                ("compute", _COMPUTE),
+                block.doubles,
+                target,
+            )
         return self._made
 
     def __getstate__(self) -> dict[str, object]:
@@ -324,20 +405,33 @@ class _Code:
     """Compiled text in this process, with the memory that it works in."""
 
     def __init__(
-        self, function: Lowered, text: str, entry: tuple[str, tuple[Any, ...]], doubles: int, target: Target
+        self,
+        function: Lowered,
+        text: str,
+        entry: tuple[str, tuple[Any, ...]],
+        doubles: int,
+        target: Target,
     ) -> None:
         library = loaded(module_text(prepare_text(function), text), target)
         self.run = library.function(*entry)
         self._prepare = library.function("prepare", (_POINTER, _POINTER))
         self._uniform, self._doubles = max(len(function.uniform), 1), doubles
-        self._scratch: list[Floats] = []  # of threads that have done their work; its zeros are still zero
+        self._scratch: list[
+            Floats
+        ] = []  # of threads that have done their work; its zeros are still zero
 
     def inputs(self, given: Batch) -> tuple[npt.NDArray[Any], ...]:
         """What the code reads: addresses and strides of arguments, and values that are the same for all samples."""
         prepared = aligned((self._uniform,))
         self._prepare(given.uniform.ctypes.data, prepared.ctypes.data)
-        addresses = np.array([column.ctypes.data for column in given.columns], dtype=np.uint64)
-        return addresses, np.array([column.strides[0] for column in given.columns], dtype=np.int64), prepared
+        addresses = np.array(
+            [column.ctypes.data for column in given.columns], dtype=np.uint64
+        )
+        return (
+            addresses,
+            np.array([column.strides[0] for column in given.columns], dtype=np.int64),
+            prepared,
+        )
 
     @contextmanager
     def scratch(self) -> Iterator[Floats]:
@@ -353,7 +447,9 @@ class _Code:
 
 def loaded(text: str, target: Target) -> Library:
     """A module's machine code in this process, through the cache on disk."""
-    return Library(cached_object(target.identity, text, lambda: object_code(text, target)), target)
+    return Library(
+        cached_object(target.identity, text, lambda: object_code(text, target)), target
+    )
 
 
 def _threads(wanted: int | None, samples: int) -> int:

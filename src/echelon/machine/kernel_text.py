@@ -10,7 +10,15 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from echelon.machine.operations_text import LARGE_FRAME, Code, Lowered, Vector, Writer, declarations, sincos
+from echelon.machine.operations_text import (
+    LARGE_FRAME,
+    Code,
+    Lowered,
+    Vector,
+    Writer,
+    declarations,
+    sincos,
+)
 from echelon.program.function import operands
 from echelon.program.operations import Op
 
@@ -98,8 +106,12 @@ def _part(block: Block, number: int) -> str:
 def _stream(code: Code, block: Block, done: int) -> None:
     """Copy the cache lines that are due before one of the operations on a vector, past the caches."""
     total = block.lowered.length
-    for line in range(done * block.streamed // total, (done + 1) * block.streamed // total):
-        source, target = (code.at(end, line * _LINE // _DOUBLE) for end in ("%from", "%to"))
+    for line in range(
+        done * block.streamed // total, (done + 1) * block.streamed // total
+    ):
+        source, target = (
+            code.at(end, line * _LINE // _DOUBLE) for end in ("%from", "%to")
+        )
         value = code.let(f"load <8 x double>, ptr {source}, align 8")
         code.do(f"store <8 x double> {value}, ptr {target}, align 64, !nontemporal !1")
 
@@ -109,7 +121,10 @@ def _waiting(code: Code, block: Block, node: int) -> str:
 
 
 def _store_entry(writer: Writer, block: Block, entry: int, node: int) -> None:
-    writer.code.store(writer.code.at("%out", entry * block.samples), f"{block.vector.type} {writer.value(node)}")
+    writer.code.store(
+        writer.code.at("%out", entry * block.samples),
+        f"{block.vector.type} {writer.value(node)}",
+    )
 
 
 def _load_columns(writer: Writer, nodes: Collection[int]) -> None:
@@ -125,14 +140,20 @@ def _load_columns(writer: Writer, nodes: Collection[int]) -> None:
         result = "undef"
         for lane, row in enumerate(rows[argument]):
             value = code.load("double", code.at(row, column))
-            result = code.let(f"insertelement {v.type} {result}, double {value}, i32 {lane}")
+            result = code.let(
+                f"insertelement {v.type} {result}, double {value}, i32 {lane}"
+            )
         writer.names[node] = result
 
 
 def _row_pointers(code: Code, v: Vector, argument: int) -> list[str]:
     """Addresses of an argument's rows; every third is a base, so that the others fit addressing modes."""
-    row = code.let(f"load ptr, ptr {code.let(f'getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}')}")
-    step_at = code.let(f"getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}, i32 1")
+    row = code.let(
+        f"load ptr, ptr {code.let(f'getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}')}"
+    )
+    step_at = code.let(
+        f"getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}, i32 1"
+    )
     step = code.load("i64", step_at)
     pointers = [row]
     for lane in range(1, v.lanes):
@@ -176,7 +197,9 @@ def _compute(block: Block) -> str:
     code.do("%out = getelementptr double, ptr %buffer, i64 %k")
     for number in range(len(block.lowered.parts)):
         stream = ", ptr %from, ptr %to" if block.streamed else ""
-        code.do(f"call void @part{number}(ptr %rows, ptr %uniforms, ptr {waiting}, ptr %out{stream})")
+        code.do(
+            f"call void @part{number}(ptr %rows, ptr %uniforms, ptr {waiting}, ptr %out{stream})"
+        )
     _store_the_rest(block, code)
     code.do(f"%next = add i64 %k, {v.lanes}")
     code.do(f"br i1 {code.let('icmp slt i64 %next, %count')}, label %loop, label %done")
@@ -202,19 +225,30 @@ def _moved(code: Code, base: str, sample: str, stride: str) -> str:
 
 
 def _set_rows(code: Code, argument: int, base: str, stride: str) -> None:
-    code.do(f"store ptr {base}, ptr {code.let(f'getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}')}")
+    code.do(
+        f"store ptr {base}, ptr {code.let(f'getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}')}"
+    )
     at = code.let(f"getelementptr {{ ptr, i64 }}, ptr %rows, i64 {argument}, i32 1")
     code.do(f"store i64 {stride}, ptr {at}")
 
 
-def _pad_rows(code: Code, v: Vector, argument: int, size: int, start: str, last: str, padding: str) -> None:
+def _pad_rows(
+    code: Code, v: Vector, argument: int, size: int, start: str, last: str, padding: str
+) -> None:
     """The rows of an incomplete vector, copied; the last one is repeated."""
     base, stride = _argument(code, argument)
     for lane in range(v.lanes):
         sample = code.let(f"add i64 {start}, {lane}")
-        row = _moved(code, base, code.let(f"call i64 @llvm.smin.i64(i64 {sample}, i64 {last})"), stride)
+        row = _moved(
+            code,
+            base,
+            code.let(f"call i64 @llvm.smin.i64(i64 {sample}, i64 {last})"),
+            stride,
+        )
         target = code.at(padding, lane * size)
-        code.do(f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {row}, i64 {size * _DOUBLE}, i1 false)")
+        code.do(
+            f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {row}, i64 {size * _DOUBLE}, i1 false)"
+        )
     _set_rows(code, argument, padding, str(size * _DOUBLE))
 
 
@@ -224,7 +258,9 @@ def _store_the_rest(block: Block, code: Code) -> None:
     writer = Writer(lowered, block.vector)
     writer.code = code
     done = {n for part in lowered.parts for n in part}
-    rest = {node: entries for node, entries in lowered.places.items() if node not in done}
+    rest = {
+        node: entries for node, entries in lowered.places.items() if node not in done
+    }
     _load_columns(writer, rest)
     for node, entries in rest.items():
         for entry in entries:

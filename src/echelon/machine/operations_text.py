@@ -16,7 +16,13 @@ import struct
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from echelon.program.function import Function, cut, depth_first, operands, waiting_places
+from echelon.program.function import (
+    Function,
+    cut,
+    depth_first,
+    operands,
+    waiting_places,
+)
 from echelon.program.operations import Op
 from echelon.program.tape import Program
 
@@ -43,7 +49,11 @@ class Lowered:
     def columns(self) -> dict[int, tuple[int, int]]:
         """For each input node, its argument among those that vary, and its place there."""
         varying = [a for a in self.function.arguments if not a.uniform]
-        return {node: (i, k) for i, argument in enumerate(varying) for k, node in enumerate(argument.nodes)}
+        return {
+            node: (i, k)
+            for i, argument in enumerate(varying)
+            for k, node in enumerate(argument.nodes)
+        }
 
     @cached_property
     def length(self) -> int:
@@ -61,18 +71,32 @@ class Lowered:
     @cached_property
     def waiting(self) -> dict[int, int]:
         """Places in memory of the nodes that a later part reads."""
-        used = [[a for node in part for a in operands(self.program, node)] for part in self.parts]
+        used = [
+            [a for node in part for a in operands(self.program, node)]
+            for part in self.parts
+        ]
         return waiting_places(self.parts, used)
 
 
 def lowered(function: Function, longest: int = _LONGEST, part: int = _PART) -> Lowered:
     """Order a function's operations, and cut those longer than ``longest`` into parts."""
     program, varying = function.program, function.varying
-    walk = depth_first(function.outputs, lambda node: operands(program, node) if node in varying else ())
+    walk = depth_first(
+        function.outputs,
+        lambda node: operands(program, node) if node in varying else (),
+    )
     order = [node for node in walk if node in varying and program.ops[node] != Op.INPUT]
-    read = {operand for node in order for operand in operands(program, node)} | set(function.outputs)
-    uniform = [n for n in sorted(read) if n not in varying and program.ops[n] != Op.CONSTANT]
-    return Lowered(function, tuple(uniform), cut(order, part if len(order) > longest else max(len(order), 1)))
+    read = {operand for node in order for operand in operands(program, node)} | set(
+        function.outputs
+    )
+    uniform = [
+        n for n in sorted(read) if n not in varying and program.ops[n] != Op.CONSTANT
+    ]
+    return Lowered(
+        function,
+        tuple(uniform),
+        cut(order, part if len(order) > longest else max(len(order), 1)),
+    )
 
 
 LARGE_FRAME = '"no-stack-arg-probe"'
@@ -114,7 +138,11 @@ class Vector:
         return self._filled("i64", str(value))
 
     def _filled(self, kind: str, text: str) -> str:
-        return "<" + ", ".join([f"{kind} {text}"] * self.lanes) + ">" if self.lanes > 1 else text
+        return (
+            "<" + ", ".join([f"{kind} {text}"] * self.lanes) + ">"
+            if self.lanes > 1
+            else text
+        )
 
 
 def number(value: float) -> str:
@@ -177,13 +205,25 @@ def module_text(*texts: str) -> str:
     return "\n".join([*heads, *bodies]) + "\n"
 
 
-_BINARY = {Op.ADD: "fadd contract", Op.SUB: "fsub contract", Op.MUL: "fmul contract", Op.DIV: "fdiv"}
+_BINARY = {
+    Op.ADD: "fadd contract",
+    Op.SUB: "fsub contract",
+    Op.MUL: "fmul contract",
+    Op.DIV: "fdiv",
+}
 _LIBRARY = {Op.EXP: "exp", Op.LOG: "log", Op.TANH: "tanh", Op.ATAN: "atan"}
 LARGEST_ANGLE = 1e9  # radians; beyond, the C library takes over
 
 _TURNS = 2 / 3.141592653589793
-_HALF_PI = tuple(map(float.fromhex, ("0x1.921fb54442d18p+0", "0x1.1a62633145c07p-54", "-0x1.f1976b7ed8fbcp-110")))
-_ROUNDING = float.fromhex("0x1.8p52")  # adding it leaves the nearest integer in the low bits
+_HALF_PI = tuple(
+    map(
+        float.fromhex,
+        ("0x1.921fb54442d18p+0", "0x1.1a62633145c07p-54", "-0x1.f1976b7ed8fbcp-110"),
+    )
+)
+_ROUNDING = float.fromhex(
+    "0x1.8p52"
+)  # adding it leaves the nearest integer in the low bits
 _SINE = (
     -1.66666666666666324348e-01,
     8.33333333332248946124e-03,
@@ -204,9 +244,13 @@ _COSINE = (
 
 def declarations(v: Vector) -> list[str]:
     """Declarations of the functions that operations may call, and those that ``@sincos`` calls."""
-    found = [f"declare double @{name}(double)" for name in ("sin", "cos", *_LIBRARY.values())]
+    found = [
+        f"declare double @{name}(double)" for name in ("sin", "cos", *_LIBRARY.values())
+    ]
     for name, count in (("sqrt", 1), ("copysign", 2), ("fma", 3), ("fabs", 1)):
-        found.append(f"declare {v.type} @llvm.{name}.{v.suffix}({', '.join([v.type] * count)})")
+        found.append(
+            f"declare {v.type} @llvm.{name}.{v.suffix}({', '.join([v.type] * count)})"
+        )
     if v.lanes > 1:
         found.append(f"declare i1 @llvm.vector.reduce.or.v{v.lanes}i1({v.bits})")
     return found
@@ -236,7 +280,9 @@ class Writer:
         pointer = code.at("%uniforms", place)
         scalar = code.let(f"load double, ptr {pointer}, !invariant.load !0")
         first = code.let(f"insertelement {v.type} undef, double {scalar}, i32 0")
-        return code.let(f"shufflevector {v.type} {first}, {v.type} undef, <{v.lanes} x i32> zeroinitializer")
+        return code.let(
+            f"shufflevector {v.type} {first}, {v.type} undef, <{v.lanes} x i32> zeroinitializer"
+        )
 
     def operation(self, node: int) -> None:
         """Write one operation."""
@@ -244,7 +290,9 @@ class Writer:
         op, a = Op(program.ops[node]), self.value(program.lhs[node])
         if op in _BINARY:
             b = self.value(program.rhs[node])
-            self.names[node] = self.code.let(f"{_BINARY[op]} {self.vector.type} {a}, {b}")
+            self.names[node] = self.code.let(
+                f"{_BINARY[op]} {self.vector.type} {a}, {b}"
+            )
         else:
             self.names[node] = self._function(op, a, program.lhs[node])
 
@@ -254,7 +302,13 @@ class Writer:
             return code.let(f"fneg {v.type} {a}")
         if op in (Op.SIN, Op.COS, Op.TAN):
             s, c = self._sincos(operand, a)
-            return s if op is Op.SIN else c if op is Op.COS else code.let(f"fdiv {v.type} {s}, {c}")
+            return (
+                s
+                if op is Op.SIN
+                else c
+                if op is Op.COS
+                else code.let(f"fdiv {v.type} {s}, {c}")
+            )
         if op is Op.SQRT:
             return code.let(f"call {v.type} @llvm.sqrt.{v.suffix}({v.type} {a})")
         if op is Op.ABS:
@@ -267,7 +321,10 @@ class Writer:
         if operand not in self._pairs:
             v, code = self.vector, self.code
             if v.lanes == 1:
-                self._pairs[operand] = by_lane(code, v, "sin", a), by_lane(code, v, "cos", a)
+                self._pairs[operand] = (
+                    by_lane(code, v, "sin", a),
+                    by_lane(code, v, "cos", a),
+                )
             else:
                 pair = f"{{ {v.type}, {v.type} }}"
                 both = code.let(f"call fastcc {pair} @sincos({v.type} {a})")
@@ -278,7 +335,9 @@ class Writer:
     def _sign(self, a: str) -> str:
         """−1, 0 or 1; NaN stays NaN."""
         v, code = self.vector, self.code
-        one = code.let(f"call {v.type} @llvm.copysign.{v.suffix}({v.type} {v.of(1.0)}, {v.type} {a})")
+        one = code.let(
+            f"call {v.type} @llvm.copysign.{v.suffix}({v.type} {v.of(1.0)}, {v.type} {a})"
+        )
         other = code.let(f"fcmp une {v.type} {a}, {v.of(0.0)}")
         number = code.let(f"fcmp ord {v.type} {a}, {v.of(0.0)}")
         nonzero = code.let(f"and {v.bits} {other}, {number}")
@@ -306,12 +365,16 @@ def sincos(v: Vector) -> str:
     next_quadrant = code.let(f"add {v.integers} {quadrant}, {v.of_integer(1)}")
     s, c = _signed(code, v, first, quadrant), _signed(code, v, second, next_quadrant)
     zero = code.let(f"fcmp oeq {v.type} %x, {v.of(0.0)}")
-    s = code.let(f"select {v.bits} {zero}, {v.type} %x, {v.type} {s}")  # the sums above lose the sign of −0
+    s = code.let(
+        f"select {v.bits} {zero}, {v.type} %x, {v.type} {s}"
+    )  # the sums above lose the sign of −0
     size = code.let(f"call {v.type} @llvm.fabs.{v.suffix}({v.type} %x)")
     beyond = code.let(f"fcmp uge {v.type} {size}, {v.of(LARGEST_ANGLE)}")
     some = beyond
     if v.lanes > 1:
-        some = code.let(f"call i1 @llvm.vector.reduce.or.v{v.lanes}i1({v.bits} {beyond})")
+        some = code.let(
+            f"call i1 @llvm.vector.reduce.or.v{v.lanes}i1({v.bits} {beyond})"
+        )
     code.do(f"br i1 {some}, label %library, label %done")
     code.label("library")
     far_s, far_c = (by_lane(code, v, name, "%x") for name in ("sin", "cos"))
@@ -322,7 +385,10 @@ def sincos(v: Vector) -> str:
     ]
     code.do("br label %done")
     code.label("done")
-    s, c = (code.let(f"phi {v.type} [ {near}, %entry ], [ {far}, %library ]") for near, far in pairs)
+    s, c = (
+        code.let(f"phi {v.type} [ {near}, %entry ], [ {far}, %library ]")
+        for near, far in pairs
+    )
     pair = f"{{ {v.type}, {v.type} }}"
     half = code.let(f"insertvalue {pair} undef, {v.type} {s}, 0")
     both = code.let(f"insertvalue {pair} {half}, {v.type} {c}, 1")
@@ -331,7 +397,9 @@ def sincos(v: Vector) -> str:
 
 
 def _fma(code: Code, v: Vector, a: str, b: str, c: str) -> str:
-    return code.let(f"call {v.type} @llvm.fma.{v.suffix}({v.type} {a}, {v.type} {b}, {v.type} {c})")
+    return code.let(
+        f"call {v.type} @llvm.fma.{v.suffix}({v.type} {a}, {v.type} {b}, {v.type} {c})"
+    )
 
 
 def _horner(code: Code, v: Vector, z: str, coefficients: tuple[float, ...]) -> str:
@@ -375,5 +443,7 @@ def by_lane(code: Code, v: Vector, name: str, x: str) -> str:
     for lane in range(v.lanes):
         element = code.let(f"extractelement {v.type} {x}, i32 {lane}")
         value = code.let(f"call double @{name}(double {element})")
-        result = code.let(f"insertelement {v.type} {result}, double {value}, i32 {lane}")
+        result = code.let(
+            f"insertelement {v.type} {result}, double {value}, i32 {lane}"
+        )
     return result

@@ -37,7 +37,9 @@ class Rows:
     """Rows made of a block's columns."""
 
     block: Block  # of as many samples as its vectors have lanes
-    places: tuple[int, ...]  # for each column of the row, the entry of the block, or −1 for a structural zero
+    places: tuple[
+        int, ...
+    ]  # for each column of the row, the entry of the block, or −1 for a structural zero
     way: Way
 
     @property
@@ -65,7 +67,9 @@ class Rows:
         return -(-(self.block.vector.lanes * len(self.places) + LINE) // LINE) * LINE
 
 
-def rows_of(lowered: Lowered, vector: Vector, places: tuple[int, ...], *, big: bool) -> Rows:
+def rows_of(
+    lowered: Lowered, vector: Vector, places: tuple[int, ...], *, big: bool
+) -> Rows:
     """The best way for rows; ``big`` says whether the whole result is larger than the caches."""
     direct = Rows(Block(lowered, vector, vector.lanes), places, Way.CACHED)
     fits = vector.lanes * len(places) <= _LARGEST_IMAGE
@@ -203,7 +207,9 @@ def _run(rows: Rows) -> str:
         mask, part = (63, "lay") if rows.way is Way.STREAMED else (0, "lay_rows")
         return _RUN.format(**values, mask=mask, part=part)
     spare, lines, whole = rows.spare, rows.lines * LINE, block.vector.lanes * width
-    return _STREAM + _RUN_IMAGED.format(**values, spare=spare, streamed=block.streamed * LINE, lines=lines, whole=whole)
+    return _STREAM + _RUN_IMAGED.format(
+        **values, spare=spare, streamed=block.streamed * LINE, lines=lines, whole=whole
+    )
 
 
 # -- transposition -----------------------------------------------------------------------------------------------------
@@ -216,8 +222,17 @@ def tables(rows: Rows) -> str:
     filled = [0]
     for place in rows.places:
         filled.append(filled[-1] + (place >= 0))
-    shown = ((name, ", ".join(f"i32 {n}" for n in t), len(t)) for name, t in (("offsets", offsets), ("filled", filled)))
-    return "\n".join(f"@{name} = private constant [{count} x i32] [{text}]" for name, text, count in shown) + "\n"
+    shown = (
+        (name, ", ".join(f"i32 {n}" for n in t), len(t))
+        for name, t in (("offsets", offsets), ("filled", filled))
+    )
+    return (
+        "\n".join(
+            f"@{name} = private constant [{count} x i32] [{text}]"
+            for name, text, count in shown
+        )
+        + "\n"
+    )
 
 
 def laying(rows: Rows, name: str, towards: Way) -> str:
@@ -234,22 +249,33 @@ def laying(rows: Rows, name: str, towards: Way) -> str:
     _single_columns(code, rows, "left", "0", "%head", "tiles")
     code.label("tiles")
     code.do("%t = phi i64 [ %head, %left ], [ %t.next, %tile.done ]")
-    code.do(f"br i1 {code.let(f'icmp slt i64 %t, {end}')}, label %tile, label %right.begin")
+    code.do(
+        f"br i1 {code.let(f'icmp slt i64 %t, {end}')}, label %tile, label %right.begin"
+    )
     code.label("tile")
     code.do(f"%t.next = add i64 %t, {LINE}")
     target = code.at("%target", "%t")
     counts = [code.load("i32", code.at("@filled", n, "i32")) for n in ("%t", "%t.next")]
     empty = code.let(f"icmp eq i32 {counts[0]}, {counts[1]}")
-    code.do(f"br i1 {empty}, label %{'tile.done' if towards is Way.IMAGED else 'empty'}, label %turn")
+    code.do(
+        f"br i1 {empty}, label %{'tile.done' if towards is Way.IMAGED else 'empty'}, label %turn"
+    )
     if towards is not Way.IMAGED:
         code.label("empty")
         for lane in range(v.lanes):
-            _store_line(code, v, target, lane * width, [v.of(0.0)] * (LINE // v.lanes), towards)
+            _store_line(
+                code, v, target, lane * width, [v.of(0.0)] * (LINE // v.lanes), towards
+            )
         code.do("br label %tile.done")
     code.label("turn")
-    squares = [_transposed(code, v, _columns(code, v, first)) for first in range(0, LINE, v.lanes)]
+    squares = [
+        _transposed(code, v, _columns(code, v, first))
+        for first in range(0, LINE, v.lanes)
+    ]
     for lane in range(v.lanes):
-        _store_line(code, v, target, lane * width, [square[lane] for square in squares], towards)
+        _store_line(
+            code, v, target, lane * width, [square[lane] for square in squares], towards
+        )
     code.do("br label %tile.done")
     code.label("tile.done")
     code.do("br label %tiles")
@@ -261,19 +287,33 @@ def laying(rows: Rows, name: str, towards: Way) -> str:
     return f"{head}{code.text()}\n}}\n"
 
 
-def _single_columns(code: Code, rows: Rows, name: str, first: str, end: str, then: str, before: str = "entry") -> None:
+def _single_columns(
+    code: Code,
+    rows: Rows,
+    name: str,
+    first: str,
+    end: str,
+    then: str,
+    before: str = "entry",
+) -> None:
     """A loop over columns that are written sample by sample."""
     v = rows.block.vector
     code.label(name)
-    code.do(f"%{name}.c = phi i64 [ {first}, %{before} ], [ %{name}.next, %{name}.one ]")
-    code.do(f"br i1 {code.let(f'icmp slt i64 %{name}.c, {end}')}, label %{name}.one, label %{then}")
+    code.do(
+        f"%{name}.c = phi i64 [ {first}, %{before} ], [ %{name}.next, %{name}.one ]"
+    )
+    code.do(
+        f"br i1 {code.let(f'icmp slt i64 %{name}.c, {end}')}, label %{name}.one, label %{then}"
+    )
     code.label(f"{name}.one")
     code.do(f"%{name}.next = add i64 %{name}.c, 1")
     target = code.at("%target", f"%{name}.c")
     value = code.load(v.type, _column(code, f"%{name}.c"))
     for lane in range(v.lanes):
         place = code.at(target, lane * len(rows.places))
-        code.store(place, f"double {code.let(f'extractelement {v.type} {value}, i32 {lane}')}")
+        code.store(
+            place, f"double {code.let(f'extractelement {v.type} {value}, i32 {lane}')}"
+        )
     code.do(f"br label %{name}")
 
 
@@ -286,14 +326,25 @@ def _column(code: Code, column: str) -> str:
 
 def _columns(code: Code, v: Vector, first: int) -> list[str]:
     """Addresses of a tile's columns, as many as a vector has lanes."""
-    return [_column(code, code.let(f"add i64 %t, {first + lane}")) for lane in range(v.lanes)]
+    return [
+        _column(code, code.let(f"add i64 %t, {first + lane}"))
+        for lane in range(v.lanes)
+    ]
 
 
-def _store_line(code: Code, v: Vector, target: str, offset: int, values: Sequence[str], towards: Way) -> None:
+def _store_line(
+    code: Code, v: Vector, target: str, offset: int, values: Sequence[str], towards: Way
+) -> None:
     """A line of one row."""
-    hint = f"align {8 * v.lanes}, !nontemporal !1" if towards is Way.STREAMED else "align 8"
+    hint = (
+        f"align {8 * v.lanes}, !nontemporal !1"
+        if towards is Way.STREAMED
+        else "align 8"
+    )
     for k, value in enumerate(values):
-        code.store(code.at(target, offset + k * v.lanes), f"{v.type} {value}", f", {hint}")
+        code.store(
+            code.at(target, offset + k * v.lanes), f"{v.type} {value}", f", {hint}"
+        )
 
 
 def _transposed(code: Code, v: Vector, columns: Sequence[str]) -> list[str]:
@@ -301,7 +352,10 @@ def _transposed(code: Code, v: Vector, columns: Sequence[str]) -> list[str]:
     # squares off the diagonal are exchanged: the largest while loading, which joins halves of two columns and needs no
     # shuffle, then ever larger ones in registers
     half = v.lanes // 2
-    current = [_joined(code, v, columns[k % half], columns[k % half + half], k // half * half) for k in range(v.lanes)]
+    current = [
+        _joined(code, v, columns[k % half], columns[k % half + half], k // half * half)
+        for k in range(v.lanes)
+    ]
     size = 1
     while size < half:
         low = [k if not k & size else k - size + v.lanes for k in range(v.lanes)]
@@ -322,9 +376,13 @@ def _joined(code: Code, v: Vector, first: str, second: str, start: int) -> str:
     kind = f"<{half} x double>"
     parts = [code.load(kind, code.at(column, start)) for column in (first, second)]
     mask = ", ".join(f"i32 {k}" for k in range(v.lanes))
-    return code.let(f"shufflevector {kind} {parts[0]}, {kind} {parts[1]}, <{v.lanes} x i32> <{mask}>")
+    return code.let(
+        f"shufflevector {kind} {parts[0]}, {kind} {parts[1]}, <{v.lanes} x i32> <{mask}>"
+    )
 
 
 def _shuffled(code: Code, v: Vector, a: str, b: str, picked: Sequence[int]) -> str:
     mask = ", ".join(f"i32 {k}" for k in picked)
-    return code.let(f"shufflevector {v.type} {a}, {v.type} {b}, <{v.lanes} x i32> <{mask}>")
+    return code.let(
+        f"shufflevector {v.type} {a}, {v.type} {b}, <{v.lanes} x i32> <{mask}>"
+    )

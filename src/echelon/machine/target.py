@@ -53,7 +53,11 @@ class Target:
         """LLVM's code generator; programs are straight lines in good order, so effort 1 is as good as 3 and faster."""
         target = llvm().Target.from_triple(self.triple)
         return target.create_target_machine(
-            cpu=self.cpu, features=self.features, opt=1, reloc="pic", codemodel="jitdefault"
+            cpu=self.cpu,
+            features=self.features,
+            opt=1,
+            reloc="pic",
+            codemodel="jitdefault",
         )
 
 
@@ -62,15 +66,27 @@ def host(lanes: int | None = None) -> Target:
     """The processor at hand, with vectors as wide as it has, or as ``ECHELON_LANES`` or the caller says."""
     known = llvm().get_host_cpu_features()
     # without fused multiply-add every reduction of an angle would call a library, so such vectors are not worth having
-    widest = 8 if known.get("avx512f") else 4 if known.get("avx2") and known.get("fma") else 2
+    widest = (
+        8
+        if known.get("avx512f")
+        else 4
+        if known.get("avx2") and known.get("fma")
+        else 2
+    )
     wanted = str(lanes or os.environ.get("ECHELON_LANES") or widest)
     valid = [str(width) for width in _WIDTHS if width <= widest]
     if wanted not in valid:
-        raise InputError(f"this processor has no vectors of {wanted} doubles (valid: {', '.join(valid)})")
+        raise InputError(
+            f"this processor has no vectors of {wanted} doubles (valid: {', '.join(valid)})"
+        )
     features = known.flatten()
-    if widest == _WIDEST:  # without this LLVM splits 512-bit vectors on processors that prefer narrower ones
+    if (
+        widest == _WIDEST
+    ):  # without this LLVM splits 512-bit vectors on processors that prefer narrower ones
         features += ",-prefer-256-bit"
-    return Target(llvm().get_process_triple(), llvm().get_host_cpu_name(), features, int(wanted))
+    return Target(
+        llvm().get_process_triple(), llvm().get_host_cpu_name(), features, int(wanted)
+    )
 
 
 @cache
@@ -112,7 +128,9 @@ class Library:
     def __init__(self, code: bytes, target: Target) -> None:
         _know_library_functions()
         # in the global context: one of our own could be collected before the engine, which would then crash
-        self._engine = llvm().create_mcjit_compiler(llvm().parse_assembly(""), target.machine())
+        self._engine = llvm().create_mcjit_compiler(
+            llvm().parse_assembly(""), target.machine()
+        )
         self._engine.add_object_file(llvm().ObjectFileRef.from_data(code))
         self._engine.finalize_object()
 
@@ -146,7 +164,12 @@ def _know_library_functions() -> None:
             break
 
 
-VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+VARIABLES = (
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
 """Environment variables that libraries of linear algebra read when they are loaded."""
 
 
@@ -225,7 +248,9 @@ def _without_links(path: str, flags: int) -> int:
     """Open a file itself, never what a symbolic link leads to, and wait for no one at the other end of a pipe."""
     if os.path.islink(path):  # where the system has no such flag
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    return os.open(
+        path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    )
 
 
 def _store(path: Path, key: str, code: bytes) -> None:
@@ -233,12 +258,20 @@ def _store(path: Path, key: str, code: bytes) -> None:
     try:
         if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
             path.unlink()  # a link or pipe, through which code would be written to another place
-        write_atomically(path, _MAGIC + key.encode() + b"\n" + hashlib.sha256(code).digest() + code, private=True)
+        write_atomically(
+            path,
+            _MAGIC + key.encode() + b"\n" + hashlib.sha256(code).digest() + code,
+            private=True,
+        )
     except (InputError, OSError) as error:
-        warnings.warn(f"compiled code is not kept: {error}", RuntimeWarning, stacklevel=2)
+        warnings.warn(
+            f"compiled code is not kept: {error}", RuntimeWarning, stacklevel=2
+        )
         return
     with suppress(OSError):  # another process may remove entries at the same time
         if len(os.listdir(path.parent)) > _MOST_ENTRIES:
-            entries = sorted(path.parent.glob("*.bin"), key=lambda entry: entry.stat().st_mtime)
+            entries = sorted(
+                path.parent.glob("*.bin"), key=lambda entry: entry.stat().st_mtime
+            )
             for old in entries[:-_MOST_ENTRIES]:
                 old.unlink(missing_ok=True)

@@ -40,7 +40,9 @@ class Assembled:
 
     def check(self) -> None:
         """Warn of a large move; refuse one of more than 2 rad or lengths where the position is stated."""
-        far = next((m for m in self.moved if m.stated and m.relative > _TOO_LARGE), None)
+        far = next(
+            (m for m in self.moved if m.stated and m.relative > _TOO_LARGE), None
+        )
         if far is not None:
             problem = f"{self._open()}, and the nearest closed pose that was found is far from it: {_by([far])}"
             raise InputError(f"{problem}.  {self._to_write()}", element="assembly")
@@ -51,7 +53,9 @@ class Assembled:
         return f"{self._open()}; the loops were closed by moving {_by(self.moved[:1])}"
 
     def _open(self) -> str:
-        where = "the stated assembly pose" if any(m.stated for m in self.moved) else "zero"
+        where = (
+            "the stated assembly pose" if any(m.stated for m in self.moved) else "zero"
+        )
         return f"at {where} closure '{self.closure}' is open by {self.opening:.3g} {self.unit}"
 
     def _to_write(self) -> str:

@@ -45,7 +45,9 @@ class ClosureKind(Enum):
         return _KINDS[self][2]
 
 
-_KINDS: dict[ClosureKind, tuple[tuple[int, ...], tuple[tuple[int, int, int], ...], int]] = {
+_KINDS: dict[
+    ClosureKind, tuple[tuple[int, ...], tuple[tuple[int, int, int], ...], int]
+] = {
     ClosureKind.WELD: ((0, 1, 2), _ALIGNED, 0),
     ClosureKind.REVOLUTE: ((0, 1, 2), _ALONG_Z, 1),
     ClosureKind.PRISMATIC: ((0, 1), _ALIGNED, 1),

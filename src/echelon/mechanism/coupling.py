@@ -30,7 +30,9 @@ class Spline:
     """
 
     coefficients: tuple[Polynomial, ...]  # a₁, a₂, …; trailing zeros are dropped
-    knots: tuple[tuple[Rational, Polynomial], ...] = ()  # pairs xₖ, cₖ, sorted; those with cₖ = 0 are dropped
+    knots: tuple[
+        tuple[Rational, Polynomial], ...
+    ] = ()  # pairs xₖ, cₖ, sorted; those with cₖ = 0 are dropped
 
     def __post_init__(self) -> None:
         kept = len(self.coefficients)
@@ -40,12 +42,20 @@ class Spline:
         for knot, jump in self.knots:
             added[knot] = added.get(knot, _ZERO) + jump
         object.__setattr__(self, "coefficients", self.coefficients[:kept])
-        object.__setattr__(self, "knots", tuple((x, added[x]) for x in sorted(added) if added[x]))
+        object.__setattr__(
+            self, "knots", tuple((x, added[x]) for x in sorted(added) if added[x])
+        )
 
     def __str__(self) -> str:
         x = Polynomial.generator("x")
-        text = str(Polynomial.sum(c * x**k for k, c in enumerate(self.coefficients, start=1)))
-        return str(self.ratio) if self.ratio is not None else text + f" and {len(self.knots)} knots" * bool(self.knots)
+        text = str(
+            Polynomial.sum(c * x**k for k, c in enumerate(self.coefficients, start=1))
+        )
+        return (
+            str(self.ratio)
+            if self.ratio is not None
+            else text + f" and {len(self.knots)} knots" * bool(self.knots)
+        )
 
     @property
     def ratio(self) -> Polynomial | None:
@@ -61,12 +71,20 @@ class Spline:
 
     def mapped(self, put: Callable[[Polynomial], Polynomial]) -> Spline:
         """The function with other coefficients."""
-        return Spline(tuple(map(put, self.coefficients)), tuple((x, put(jump)) for x, jump in self.knots))
+        return Spline(
+            tuple(map(put, self.coefficients)),
+            tuple((x, put(jump)) for x, jump in self.knots),
+        )
 
     def __add__(self, other: Spline) -> Spline:
         length = max(len(self.coefficients), len(other.coefficients))
-        a, b = ([*s.coefficients, *[_ZERO] * (length - len(s.coefficients))] for s in (self, other))
-        return Spline(tuple(x + y for x, y in zip(a, b, strict=True)), (*self.knots, *other.knots))
+        a, b = (
+            [*s.coefficients, *[_ZERO] * (length - len(s.coefficients))]
+            for s in (self, other)
+        )
+        return Spline(
+            tuple(x + y for x, y in zip(a, b, strict=True)), (*self.knots, *other.knots)
+        )
 
     def after(self, inner: Spline, offset: Polynomial) -> tuple[Spline, Polynomial]:
         """The function of another one, x ↦ f(g(x) + offset), as a spline and a constant."""
@@ -76,19 +94,25 @@ class Spline:
         if inner.ratio == 1 and not offset:
             return self, offset
         if self.knots or inner.knots:
-            raise ValueError("a spline of a coordinate that itself depends on others is not supported")
+            raise ValueError(
+                "a spline of a coordinate that itself depends on others is not supported"
+            )
         argument, total = [offset, *inner.coefficients], [_ZERO]
         for coefficient in reversed((_ZERO, *self.coefficients)):
             total = _product(total, argument)
             total[0] = total[0] + coefficient
         return Spline(tuple(total[1:])), total[0]
 
-    def derivatives(self, x: T, number: Callable[[Polynomial], T], beyond: Callable[[T], T]) -> tuple[T, T, T]:
+    def derivatives(
+        self, x: T, number: Callable[[Polynomial], T], beyond: Callable[[T], T]
+    ) -> tuple[T, T, T]:
         """f, f′ and f″ at a point, over any ring."""
         a = (_ZERO, *self.coefficients)
         slopes = [k * c for k, c in enumerate(a)][1:]
         curvatures = [k * c for k, c in enumerate(slopes)][1:]
-        value, slope, curvature = (_horner(c, x, number) for c in (a, slopes, curvatures))
+        value, slope, curvature = (
+            _horner(c, x, number) for c in (a, slopes, curvatures)
+        )
         for knot, jump in self.knots:
             sign = 1 if knot >= 0 else -1
             distance: Any = (x - number(Polynomial.constant(knot))) * sign  # type: ignore[operator]
@@ -98,10 +122,14 @@ class Spline:
             curvature = curvature + number(jump * (_CUBIC * 2)) * over
         return value, slope, curvature
 
-    def floats(self, x: Floats | float, symbols: Mapping[str, float]) -> tuple[Any, Any, Any]:
+    def floats(
+        self, x: Floats | float, symbols: Mapping[str, float]
+    ) -> tuple[Any, Any, Any]:
         """f, f′ and f″ in double precision, at one point or at an array of points."""
         point: Any = x
-        return self.derivatives(point, lambda c: c.at(symbols), lambda distance: 1.0 * (distance > 0))
+        return self.derivatives(
+            point, lambda c: c.at(symbols), lambda distance: 1.0 * (distance > 0)
+        )
 
     def steepest(self, reach: float, symbols: Mapping[str, float]) -> float:
         """An upper bound of |f′| while |x| stays within a reach, from values on a grid and a bound of |f″|."""
@@ -109,10 +137,14 @@ class Spline:
             return abs(self.ratio.at(symbols))
         if not isfinite(reach):
             return inf
-        slopes = self.floats(np.linspace(-reach, reach, 2 * _CELLS + 1)[1::2], symbols)[1]
+        slopes = self.floats(np.linspace(-reach, reach, 2 * _CELLS + 1)[1::2], symbols)[
+            1
+        ]
         # |f″| is at most what the sizes of all terms add up to at the end, each knot counted from zero on
         sizes = self.mapped(lambda c: Polynomial.constant(Fraction(abs(c.at(symbols)))))
-        bend = Spline(sizes.coefficients, tuple((0, size) for _, size in sizes.knots)).floats(reach, {})[2]
+        bend = Spline(
+            sizes.coefficients, tuple((0, size) for _, size in sizes.knots)
+        ).floats(reach, {})[2]
         return float(np.abs(slopes).max() + bend * reach / _CELLS)
 
 
@@ -121,7 +153,9 @@ def linear(ratio: Polynomial) -> Spline:
     return Spline((ratio,))
 
 
-def natural_spline(points: Sequence[tuple[Rational, Rational]]) -> tuple[Spline, Rational]:
+def natural_spline(
+    points: Sequence[tuple[Rational, Rational]],
+) -> tuple[Spline, Rational]:
     """The natural cubic spline through points, straight beyond the first and the last, as a spline and a constant."""
     ordered = sorted((Fraction(x), Fraction(y)) for x, y in points)
     if len(ordered) < 2 or any(a[0] == b[0] for a, b in pairwise(ordered)):
@@ -129,26 +163,47 @@ def natural_spline(points: Sequence[tuple[Rational, Rational]]) -> tuple[Spline,
     x, y = zip(*ordered, strict=True)
     # from the left it is a line to which every knot adds c (x − xₖ)³; beyond the last, Σ c = Σ c xₖ = 0 leave a line
     rows = [[1, point, *(max(point - knot, 0) ** _CUBIC for knot in x)] for point in x]
-    start, slope, *jumps = _solved([*rows, [0, 0, *(1 for _ in x)], [0, 0, *x]], [*y, 0, 0])
+    start, slope, *jumps = _solved(
+        [*rows, [0, 0, *(1 for _ in x)], [0, 0, *x]], [*y, 0, 0]
+    )
     pieces = [start, slope, Fraction(0), Fraction(0)]
     for knot, jump in zip(x, jumps, strict=True):
         if knot < 0:
-            pieces = [p + jump * q for p, q in zip(pieces, (-(knot**3), 3 * knot**2, -3 * knot, 1), strict=True)]
+            pieces = [
+                p + jump * q
+                for p, q in zip(
+                    pieces, (-(knot**3), 3 * knot**2, -3 * knot, 1), strict=True
+                )
+            ]
     found = Spline(tuple(map(Polynomial.constant, pieces[1:])))
-    knots = tuple((knot, Polynomial.constant(jump)) for knot, jump in zip(x, jumps, strict=True))
+    knots = tuple(
+        (knot, Polynomial.constant(jump)) for knot, jump in zip(x, jumps, strict=True)
+    )
     return replace(found, knots=knots), pieces[0]
 
 
-def _solved(rows: Sequence[Sequence[Rational]], right: Sequence[Rational]) -> list[Fraction]:
+def _solved(
+    rows: Sequence[Sequence[Rational]], right: Sequence[Rational]
+) -> list[Fraction]:
     """The solution of linear equations in rational numbers."""
     left, column = (
-        flint.fmpq_mat([[flint.fmpq(number.numerator, number.denominator) for number in row] for row in table])
+        flint.fmpq_mat(
+            [
+                [flint.fmpq(number.numerator, number.denominator) for number in row]
+                for row in table
+            ]
+        )
         for table in (rows, [[number] for number in right])
     )
-    return [Fraction(int(number.p), int(number.q)) for number in left.solve(column).entries()]
+    return [
+        Fraction(int(number.p), int(number.q))
+        for number in left.solve(column).entries()
+    ]
 
 
-def _horner(coefficients: Sequence[Polynomial], x: T, number: Callable[[Polynomial], T]) -> T:
+def _horner(
+    coefficients: Sequence[Polynomial], x: T, number: Callable[[Polynomial], T]
+) -> T:
     total: Any = number(_ZERO)
     for coefficient in reversed(coefficients):
         total = total * x + number(coefficient)

@@ -60,7 +60,11 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
         EffectTerm("Fcn", "N·m", "N", "(sign(qd) - 1)/2"),
     ),
     "offset": (EffectTerm("Fo", "N·m", "N", "1"),),
-    "stribeck": (EffectTerm("Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"),),
+    "stribeck": (
+        EffectTerm(
+            "Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"
+        ),
+    ),
     "load_friction": (EffectTerm("Fl", "", "", "sign(qd)*abs(i)"),),
     "temperature_friction": (
         EffectTerm("FvT", "N·m·s/(rad·K)", "N·s/(m·K)", "i*qd"),
@@ -77,7 +81,11 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
         EffectTerm("Kcc", "N·m/rad²", "N/m²", "q**2"),
         EffectTerm("Kccc", "N·m/rad³", "N/m³", "q**3"),
     ),
-    "stop": (EffectTerm("Kx", "N·m/rad", "N/m", "max(q - ({upper}), 0) + min(q - ({lower}), 0)"),),
+    "stop": (
+        EffectTerm(
+            "Kx", "N·m/rad", "N/m", "max(q - ({upper}), 0) + min(q - ({lower}), 0)"
+        ),
+    ),
     "ripple": (
         EffectTerm("Rs{harmonic}_", "N·m", "N", "sin(({harmonic})*q)"),
         EffectTerm("Rc{harmonic}_", "N·m", "N", "cos(({harmonic})*q)"),
@@ -100,7 +108,13 @@ CONSTANTS: dict[str, dict[str, str | None]] = {
 
 
 def ready_made(
-    kind: str, at: str, side: Side, label: str, *, sliding: bool, constants: dict[str, str] | None = None
+    kind: str,
+    at: str,
+    side: Side,
+    label: str,
+    *,
+    sliding: bool,
+    constants: dict[str, str] | None = None,
 ) -> tuple[Effect, ...]:
     """The parameters of a ready-made effect at one coordinate."""
     stated = constants or {}

@@ -18,7 +18,12 @@ from echelon.mechanism.joint import Body
 
 ROUNDED = 1e-6  # relative; decimals of a file cannot help smaller violations
 _NOTHING = 1e-15  # of the moments about the frame: what the way to the centre of mass leaves of a point
-_SIZES = (0, 3, 5, 9)  # places of XX, YY, ZZ and M among the standard parameters, which are never negative
+_SIZES = (
+    0,
+    3,
+    5,
+    9,
+)  # places of XX, YY, ZZ and M among the standard parameters, which are never negative
 
 
 def impossibility(inertial: Floats) -> str:
@@ -48,7 +53,9 @@ def principal_moments(inertial: Floats) -> Floats:
     return np.zeros(3) if is_point else np.asarray(moments)
 
 
-def stated_impossibilities(name: str, inertial: Sequence[float] | None) -> tuple[str, ...]:
+def stated_impossibilities(
+    name: str, inertial: Sequence[float] | None
+) -> tuple[str, ...]:
     """A link's name with the reason why no body can have the inertia that it states, if there is one."""
     problem = "" if inertial is None else impossibility(np.array(inertial, dtype=float))
     return (f"link '{one_line(name)}': {problem}",) if problem else ()
@@ -56,8 +63,12 @@ def stated_impossibilities(name: str, inertial: Sequence[float] | None) -> tuple
 
 def warn_of_impossible(bodies: Sequence[Body]) -> None:
     """Warn of every link that is part of some bodies and whose stated inertia no body can have."""
-    for text in dict.fromkeys(text for body in bodies for text in _impossibilities(body)):
-        warn_caller(f"{text}; no robot can have values that are computed with it", DoubtWarning)
+    for text in dict.fromkeys(
+        text for body in bodies for text in _impossibilities(body)
+    ):
+        warn_caller(
+            f"{text}; no robot can have values that are computed with it", DoubtWarning
+        )
 
 
 def _impossibilities(body: Body) -> Iterator[str]:

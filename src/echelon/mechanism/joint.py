@@ -32,7 +32,9 @@ IDENTITY: Matrix = ((_ONE, _ZERO, _ZERO), (_ZERO, _ONE, _ZERO), (_ZERO, _ZERO, _
 class Placement:
     """A frame placed in a reference frame: x_reference = rotation · x + translation."""
 
-    rotation: Matrix = IDENTITY  # columns are the placed frame's axes in the reference frame
+    rotation: Matrix = (
+        IDENTITY  # columns are the placed frame's axes in the reference frame
+    )
     translation: Vector = ORIGIN  # origin of the placed frame in the reference frame, m
 
     @property
@@ -86,11 +88,17 @@ def turned(identity: Square[T], axis: int, c: T, s: T) -> Square[T]:
     return as_matrix(entries)
 
 
-def moved_by(motion: Motion, cosine: Polynomial, sine: Polynomial, travel: Polynomial) -> Placement:
+def moved_by(
+    motion: Motion, cosine: Polynomial, sine: Polynomial, travel: Polynomial
+) -> Placement:
     """The placement of a motion with the cosine and sine of an angle, and a travel (of a screw: the angle)."""
     along = [_ZERO] * 3
     if motion.kind is not MotionKind.ROTATION:
-        along[motion.axis] = travel * motion.sign * (motion.pitch if motion.kind is MotionKind.SCREW else 1)
+        along[motion.axis] = (
+            travel
+            * motion.sign
+            * (motion.pitch if motion.kind is MotionKind.SCREW else 1)
+        )
     return shift(*along) @ turn_by(motion.axis, cosine, sine * motion.sign)
 
 
@@ -102,14 +110,19 @@ def as_matrix(entries: list[list[T]]) -> Square[T]:
 
 def rotate(matrix: Matrix, vector: Vector) -> Vector:
     """Matrix times vector."""
-    x, y, z = (Polynomial.sum(a * b for a, b in zip(row, vector, strict=True) if a and b) for row in matrix)
+    x, y, z = (
+        Polynomial.sum(a * b for a, b in zip(row, vector, strict=True) if a and b)
+        for row in matrix
+    )
     return (x, y, z)
 
 
 def multiply(left: Matrix, right: Matrix) -> Matrix:
     """Matrix product."""
     columns = transpose(right)
-    return transpose((rotate(left, columns[0]), rotate(left, columns[1]), rotate(left, columns[2])))
+    return transpose(
+        (rotate(left, columns[0]), rotate(left, columns[1]), rotate(left, columns[2]))
+    )
 
 
 def transpose(matrix: Square[T]) -> Square[T]:
@@ -143,12 +156,20 @@ class Motion:
     @cached_property
     def positions(self) -> tuple[str, ...]:
         """Names of the position coordinates; a ball has a unit quaternion (w, x, y, z)."""
-        return tuple(f"{self.name}.{c}" for c in "wxyz") if self.kind is MotionKind.BALL else (self.name,)
+        return (
+            tuple(f"{self.name}.{c}" for c in "wxyz")
+            if self.kind is MotionKind.BALL
+            else (self.name,)
+        )
 
     @cached_property
     def velocities(self) -> tuple[str, ...]:
         """Names of the velocity coordinates; a ball has the angular velocity in the moved frame, rad/s."""
-        return tuple(f"{self.name}.{c}" for c in "xyz") if self.kind is MotionKind.BALL else (self.name,)
+        return (
+            tuple(f"{self.name}.{c}" for c in "xyz")
+            if self.kind is MotionKind.BALL
+            else (self.name,)
+        )
 
 
 Step = Placement | Motion
@@ -176,7 +197,9 @@ class Joint:
         """Geometry symbols of this joint."""
         found: set[str] = set()
         for step in self.steps:
-            found.update(step.symbols() if isinstance(step, Placement) else step.pitch.symbols())
+            found.update(
+                step.symbols() if isinstance(step, Placement) else step.pitch.symbols()
+            )
         return sorted(found)
 
 
@@ -223,7 +246,10 @@ def planar_motions(name: str, normal: int = Z) -> tuple[Motion, ...]:
 
 def floating_motions(name: str) -> tuple[Motion, ...]:
     """Three translations along the parent's axes, then free rotation."""
-    return (*(translation(f"{name}.t{'xyz'[axis]}", axis) for axis in (X, Y, Z)), ball(f"{name}.r"))
+    return (
+        *(translation(f"{name}.t{'xyz'[axis]}", axis) for axis in (X, Y, Z)),
+        ball(f"{name}.r"),
+    )
 
 
 GROUND = -1  # parent index of a body that hangs on the fixed world
@@ -260,7 +286,9 @@ class Symbol:
 
     name: str
     value: float | None = None  # numeric value in SI units, if known
-    exact: str | None = None  # the value as exact text, where it has one (``"0.333"``, ``"sqrt(2)/10"``)
+    exact: str | None = (
+        None  # the value as exact text, where it has one (``"0.333"``, ``"sqrt(2)/10"``)
+    )
     meaning: str = ""  # where the symbol comes from, for people
     # what it is in terms of angle symbols, where a reader named a sum such as 0.1 + 0.3·cos(roll2)
     stands_for: Polynomial | None = None

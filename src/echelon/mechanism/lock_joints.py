@@ -13,11 +13,21 @@ from echelon.exact.polynomial import as_polynomial, circle_point
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import Body, Joint, Motion, MotionKind, Placement, merge, moved_by
+from echelon.mechanism.joint import (
+    Body,
+    Joint,
+    Motion,
+    MotionKind,
+    Placement,
+    merge,
+    moved_by,
+)
 from echelon.mechanism.mechanism import Actuator, Cut, Mechanism, Output
 from echelon.mechanism.stated import known_values
 
-_DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
+_DENOMINATOR = (
+    10**8
+)  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
 _REFERENCE = re.compile(r"\b(qdd|qd|q)\[([^\]]*)\]")
 _INPUT = re.compile(r"\bi\[([^\]]*)\]")
 
@@ -36,12 +46,21 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
     if not positions:
         return mechanism
     motions = {motion.name: motion for motion in mechanism.motions}
-    joints = {body.joint.name: [motion.name for motion in body.joint.motions] for body in mechanism.bodies}
+    joints = {
+        body.joint.name: [motion.name for motion in body.joint.motions]
+        for body in mechanism.bodies
+    }
     # a joint stands for all of its motions
-    positions = {motion: at for name, at in positions.items() for motion in joints.get(name) or [name]}
+    positions = {
+        motion: at
+        for name, at in positions.items()
+        for motion in joints.get(name) or [name]
+    }
     strange = next((name for name in positions if name not in motions), None)
     if strange is not None:
-        raise InputError(f"there is no coordinate '{strange}' to hold{nearest_of(strange, list(motions))}")
+        raise InputError(
+            f"there is no coordinate '{strange}' to hold{nearest_of(strange, list(motions))}"
+        )
     if not lockable(mechanism):
         raise InputError("joints of a mechanism with loops cannot be locked")
     all_positions = _with_coupled(mechanism, positions)
@@ -54,7 +73,9 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
         couplings=tuple(c for c in mechanism.couplings if c.coordinate not in gone),
         actuators=actuators,
         effects=tuple(_effects(mechanism, gone, all_positions)),
-        measured=None if mechanism.measured is None else tuple(_outputs(mechanism.measured, gone)),
+        measured=None
+        if mechanism.measured is None
+        else tuple(_outputs(mechanism.measured, gone)),
     )
 
 
@@ -63,19 +84,26 @@ def lockable(mechanism: Mechanism) -> bool:
     return not mechanism.closures
 
 
-def _with_coupled(mechanism: Mechanism, positions: Mapping[str, float]) -> dict[str, float]:
+def _with_coupled(
+    mechanism: Mechanism, positions: Mapping[str, float]
+) -> dict[str, float]:
     """Positions of what is held, and of what follows it."""
     found = dict(positions)
     for coupling in mechanism.couplings:
         leaders = [name for name, _ in coupling.terms]
         here = [name for name in leaders if name in positions]
         if coupling.coordinate in positions:
-            raise InputError(f"'{coupling.coordinate}' follows {', '.join(leaders)}; hold these instead")
+            raise InputError(
+                f"'{coupling.coordinate}' follows {', '.join(leaders)}; hold these instead"
+            )
         if here and len(here) < len(leaders):
-            raise InputError(f"'{coupling.coordinate}' follows {', '.join(leaders)}: hold all of them or none")
+            raise InputError(
+                f"'{coupling.coordinate}' follows {', '.join(leaders)}: hold all of them or none"
+            )
         if here:
             found[coupling.coordinate] = sum(
-                _known(coupling, f).floats(positions[name], {})[0] for name, f in coupling.terms
+                _known(coupling, f).floats(positions[name], {})[0]
+                for name, f in coupling.terms
             )
     return found
 
@@ -89,9 +117,16 @@ def _known(coupling: Coupling, function: Spline) -> Spline:
 
 
 def _body(body: Body, positions: Mapping[str, float]) -> Body:
-    held = {m.name: _placed(m, positions[m.name]) for m in body.joint.motions if m.name in positions}
+    held = {
+        m.name: _placed(m, positions[m.name])
+        for m in body.joint.motions
+        if m.name in positions
+    }
     kind = body.joint.kind if len(held) < len(body.joint.motions) else "fixed"
-    steps = tuple(held.get(step.name, step) if isinstance(step, Motion) else step for step in body.joint.steps)
+    steps = tuple(
+        held.get(step.name, step) if isinstance(step, Motion) else step
+        for step in body.joint.steps
+    )
     return replace(body, joint=Joint(body.joint.name, kind, merge(steps)))
 
 
@@ -102,8 +137,15 @@ def _placed(motion: Motion, position: float) -> Placement:
             raise InputError(f"'{motion.name}' turns freely; it can be held at 0 only")
         return Placement()
     angle = 0.0 if motion.kind is MotionKind.TRANSLATION else position
-    cosine, sine = circle_point(Fraction(tan(angle / 2)).limit_denominator(_DENOMINATOR))
-    return moved_by(motion, as_polynomial(cosine), as_polynomial(sine), as_polynomial(Fraction(position)))
+    cosine, sine = circle_point(
+        Fraction(tan(angle / 2)).limit_denominator(_DENOMINATOR)
+    )
+    return moved_by(
+        motion,
+        as_polynomial(cosine),
+        as_polynomial(sine),
+        as_polynomial(Fraction(position)),
+    )
 
 
 def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:
@@ -111,16 +153,24 @@ def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:
     left = [
         replace(actuator, terms=terms)
         for actuator in mechanism.actuators
-        if (terms := tuple((name, ratio) for name, ratio in actuator.terms if name not in gone))
+        if (
+            terms := tuple(
+                (name, ratio) for name, ratio in actuator.terms if name not in gone
+            )
+        )
     ]
     driven = {name for actuator in left for name, _ in actuator.terms}
     if len(driven) < len(left):
         names, joints = ", ".join(a.name for a in left), ", ".join(sorted(driven))
-        raise InputError(f"{names} would drive {joints} alone: hold all joints that are coupled, or none of them")
+        raise InputError(
+            f"{names} would drive {joints} alone: hold all joints that are coupled, or none of them"
+        )
     return left
 
 
-def _effects(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]) -> Iterable[Effect]:
+def _effects(
+    mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]
+) -> Iterable[Effect]:
     """Effects where something moves, with what does not move standing still."""
     still = _still(mechanism, gone, positions)
 
@@ -134,27 +184,34 @@ def _effects(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float
         actions = tuple(
             replace(action, term=_REFERENCE.sub(written, action.term))
             for action in effect.actions
-            if action.at not in gone and not gone.intersection(_INPUT.findall(action.term))
+            if action.at not in gone
+            and not gone.intersection(_INPUT.findall(action.term))
         )
         if actions:
             yield replace(effect, actions=actions)
 
 
-def _still(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]) -> dict[str, float]:
+def _still(
+    mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]
+) -> dict[str, float]:
     """Positions of coordinates and actuators that do not move."""
     known = known_values(mechanism)
     found = dict(positions)
     for actuator in mechanism.actuators:
         if actuator.name in gone:
             ratios = [(name, r.at(known)) for name, r in actuator.terms]
-            found[actuator.name] = sum(ratio * positions.get(name, 0.0) for name, ratio in ratios)
+            found[actuator.name] = sum(
+                ratio * positions.get(name, 0.0) for name, ratio in ratios
+            )
     return found
 
 
 def _outputs(outputs: Iterable[Output], gone: set[str]) -> Iterable[Output]:
     for output in outputs:
         terms = tuple(
-            (channel, weight) for channel, weight in output.terms if isinstance(channel, Cut) or channel.at not in gone
+            (channel, weight)
+            for channel, weight in output.terms
+            if isinstance(channel, Cut) or channel.at not in gone
         )
         if terms:
             yield replace(output, terms=terms)

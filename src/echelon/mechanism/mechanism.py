@@ -24,8 +24,22 @@ from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Effect, Side
 from echelon.mechanism.impossible import warn_of_impossible
-from echelon.mechanism.joint import GROUND, Body, Motion, MotionKind, Placement, Symbol, Vector
-from echelon.names import check_distinct, check_identifier, check_text, check_title, symbol_stem
+from echelon.mechanism.joint import (
+    GROUND,
+    Body,
+    Motion,
+    MotionKind,
+    Placement,
+    Symbol,
+    Vector,
+)
+from echelon.names import (
+    check_distinct,
+    check_identifier,
+    check_text,
+    check_title,
+    symbol_stem,
+)
 
 
 @dataclass(frozen=True)
@@ -69,7 +83,9 @@ def plain(name: str, unit: str, channel: Channel) -> Output:
     return Output(name, unit, ((channel, _ONE),))
 
 
-def wrench_output(name: str, component: str, body: int, frame: Placement, *, on_parent: bool = False) -> Output:
+def wrench_output(
+    name: str, component: str, body: int, frame: Placement, *, on_parent: bool = False
+) -> Output:
     """One component of a force/torque sensor, such as ``fx`` or ``tz``."""
     angular = component[0] == "t"
     cut = Cut(body, frame, on_parent, "xyz".index(component[1]), angular)
@@ -82,7 +98,9 @@ class Parameter:
 
     name: str
     unit: str  # SI unit
-    body: int | None = None  # index of the body whose inertia it describes; None for parameters of effects
+    body: int | None = (
+        None  # index of the body whose inertia it describes; None for parameters of effects
+    )
     kind: int | None = None  # its place in XX … M, for a body's parameter
 
     @property
@@ -109,25 +127,42 @@ class Transmission:
     inverse: Mapping[str, Mapping[str, RationalFunction]]
 
 
-def transmission(stated: Sequence[Actuator], coordinates: Sequence[str]) -> Transmission:
+def transmission(
+    stated: Sequence[Actuator], coordinates: Sequence[str]
+) -> Transmission:
     """Complete the stated actuators by direct drives and invert T."""
-    driven = [name for name in coordinates if any(name == joint for a in stated for joint, _ in a.terms)]
+    driven = [
+        name
+        for name in coordinates
+        if any(name == joint for a in stated for joint, _ in a.terms)
+    ]
     if len(driven) != len(stated):
         raise InputError(
             f"{len(stated)} actuators drive {len(driven)} coordinates ({', '.join(driven) or 'none'}); their torques "
             "follow from the motion only if the numbers are equal: measure combinations of them as outputs instead",
             element="transmission",
         )
-    matrix = [[RationalFunction(dict(a.terms).get(name, Polynomial({}))) for name in driven] for a in stated]
+    matrix = [
+        [RationalFunction(dict(a.terms).get(name, Polynomial({}))) for name in driven]
+        for a in stated
+    ]
     solved = inverse_matrix(matrix)
     if solved is None:
         names = ", ".join(a.name for a in stated)
-        raise InputError(f"the transmission of {names} is singular: its actuators cannot move independently")
+        raise InputError(
+            f"the transmission of {names} is singular: its actuators cannot move independently"
+        )
     one = Polynomial.constant(1)
-    direct = tuple(Actuator(name, ((name, one),)) for name in coordinates if name not in driven)
-    inverse: dict[str, dict[str, RationalFunction]] = {a.name: {a.name: RationalFunction(1)} for a in direct}
+    direct = tuple(
+        Actuator(name, ((name, one),)) for name in coordinates if name not in driven
+    )
+    inverse: dict[str, dict[str, RationalFunction]] = {
+        a.name: {a.name: RationalFunction(1)} for a in direct
+    }
     for k, actuator in enumerate(stated):
-        inverse[actuator.name] = {name: row[k] for name, row in zip(driven, solved, strict=True) if row[k]}
+        inverse[actuator.name] = {
+            name: row[k] for name, row in zip(driven, solved, strict=True) if row[k]
+        }
     return Transmission((*stated, *direct), inverse)
 
 
@@ -212,7 +247,9 @@ class Mechanism:
     @cached_property
     def free_motions(self) -> tuple[Motion, ...]:
         """The motions that no coupling makes dependent."""
-        return tuple(motion for motion in self.motions if motion.name not in self.dependent)
+        return tuple(
+            motion for motion in self.motions if motion.name not in self.dependent
+        )
 
     @cached_property
     def positions(self) -> tuple[str, ...]:
@@ -232,7 +269,9 @@ class Mechanism:
     @cached_property
     def dependent_velocities(self) -> tuple[str, ...]:
         """Names of the velocity coordinates that loops make dependent."""
-        return tuple(name for name in self.velocities if name not in self.independent_velocities)
+        return tuple(
+            name for name in self.velocities if name not in self.independent_velocities
+        )
 
     @cached_property
     def independent_positions(self) -> tuple[str, ...]:
@@ -240,10 +279,18 @@ class Mechanism:
 
         They are those of the independent motions; all of them where a ball is independent in part.
         """
-        of = {name: motion for motion in self.free_motions for name in motion.velocities}
+        of = {
+            name: motion for motion in self.free_motions for name in motion.velocities
+        }
         motions = dict.fromkeys(of[name] for name in self.independent_velocities)
-        whole = sum(len(motion.velocities) for motion in motions) == self.degrees_of_freedom
-        return tuple(name for motion in motions for name in motion.positions) if whole else self.positions
+        whole = (
+            sum(len(motion.velocities) for motion in motions) == self.degrees_of_freedom
+        )
+        return (
+            tuple(name for motion in motions for name in motion.positions)
+            if whole
+            else self.positions
+        )
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -261,7 +308,11 @@ class Mechanism:
     @property
     def carriers(self) -> tuple[int, ...]:
         """The bodies with parameters, of those that share them the first."""
-        return tuple(k for k, body in enumerate(self.bodies) if body.carried and self.sharing[k][0] == k)
+        return tuple(
+            k
+            for k, body in enumerate(self.bodies)
+            if body.carried and self.sharing[k][0] == k
+        )
 
     def carrier_name(self, body: int) -> str:
         """Names of a body and of those that share its parameters."""
@@ -270,20 +321,33 @@ class Mechanism:
     def ends(self, closure: str) -> str:
         """Names of the bodies that a closure of some name connects."""
         found = next(c for c in self.closures if c.name == closure)
-        return " and ".join("the base" if b == GROUND else self.bodies[b].name for b in (found.first, found.second))
+        return " and ".join(
+            "the base" if b == GROUND else self.bodies[b].name
+            for b in (found.first, found.second)
+        )
 
     def joint_label(self, body: int) -> str:
         """The ending of names of effects at a body's joint: its label, or the joint's name if the label is shared."""
         shared = len(self.sharing[body]) > 1
-        return symbol_stem(self.bodies[body].joint.name) if shared else self.bodies[body].label
+        return (
+            symbol_stem(self.bodies[body].joint.name)
+            if shared
+            else self.bodies[body].label
+        )
 
     @cached_property
     def columns(self) -> tuple[Parameter, ...]:
         """The standard parameters: those of the bodies, then those of the effects."""
         bodies = self.bodies
         pairs = ((i, k) for i in self.carriers for k in bodies[i].carried)
-        inertial = (Parameter(f"{PARAMETERS[k]}{bodies[i].label}", UNITS[k], i, k) for i, k in pairs)
-        return (*inertial, *(Parameter(effect.parameter, effect.unit) for effect in self.effects))
+        inertial = (
+            Parameter(f"{PARAMETERS[k]}{bodies[i].label}", UNITS[k], i, k)
+            for i, k in pairs
+        )
+        return (
+            *inertial,
+            *(Parameter(effect.parameter, effect.unit) for effect in self.effects),
+        )
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -309,9 +373,18 @@ class Mechanism:
         """The measured outputs, the rows of X."""
         if self.measured is not None:
             return self.measured
-        sliding = {n for m in self.motions if m.kind is MotionKind.TRANSLATION for n in m.velocities}
+        sliding = {
+            n
+            for m in self.motions
+            if m.kind is MotionKind.TRANSLATION
+            for n in m.velocities
+        }
         return tuple(
-            plain(a.name, "N" if a.terms[0][0] in sliding else "N·m", Force(a.name, Side.ACTUATOR))
+            plain(
+                a.name,
+                "N" if a.terms[0][0] in sliding else "N·m",
+                Force(a.name, Side.ACTUATOR),
+            )
             for a in self.transmission.actuators
         )
 
@@ -325,12 +398,17 @@ class Mechanism:
 
         Warns with a :class:`~echelon.DoubtWarning` of every link whose inertia no body can have.
         """
-        warn_of_impossible([self.bodies[k] for index in self.carriers for k in self.sharing[index]])
+        warn_of_impossible(
+            [self.bodies[k] for index in self.carriers for k in self.sharing[index]]
+        )
         values: list[float | None] = []
         for index in self.carriers:
             stated = (self.bodies[k].inertial for k in self.sharing[index])
             inertial = next((values for values in stated if values is not None), None)
-            values += [None if inertial is None else inertial[k] for k in self.bodies[index].carried]
+            values += [
+                None if inertial is None else inertial[k]
+                for k in self.bodies[index].carried
+            ]
         return (*values, *(effect.value for effect in self.effects))
 
     def __repr__(self) -> str:
@@ -359,7 +437,9 @@ class Snap:
 class ReadableFile(Protocol):
     """A file that mechanisms can be built from (:class:`echelon.formats.robot_file.RobotFile`)."""
 
-    def mechanism(self, options: Any = ..., literal: Collection[str] = ...) -> Mechanism:
+    def mechanism(
+        self, options: Any = ..., literal: Collection[str] = ...
+    ) -> Mechanism:
         """The robot, with the numbers of some elements taken literally."""
         ...
 
@@ -373,7 +453,9 @@ class Reading:
     file: ReadableFile
     options: Any  # how the file was read
     couples: bool = False  # whether the file couples joints, whatever was made of it
-    driven: tuple[str, ...] = ()  # coordinates, or joints, of which the file says that they have drives
+    driven: tuple[
+        str, ...
+    ] = ()  # coordinates, or joints, of which the file says that they have drives
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""
@@ -384,21 +466,37 @@ class Reading:
         """The mechanism with the file's couplings ignored, or kept if they are ignored; None if it has none."""
         if not self.couples:
             return None
-        return self.file.mechanism(replace(self.options, independent_mimics=not self.options.independent_mimics))
+        return self.file.mechanism(
+            replace(
+                self.options, independent_mimics=not self.options.independent_mimics
+            )
+        )
 
 
 def setup_placements(mechanism: Mechanism) -> list[Placement]:
     """Placements beside those of the joints: of sensors and closures."""
-    cuts = [channel for output in mechanism.measured or () for channel, _ in output.terms if isinstance(channel, Cut)]
+    cuts = [
+        channel
+        for output in mechanism.measured or ()
+        for channel, _ in output.terms
+        if isinstance(channel, Cut)
+    ]
     frames = [frame for closure in mechanism.closures for frame in closure.placements]
     return [*(cut.frame for cut in cuts), *frames]
 
 
 def setup_ratios(mechanism: Mechanism) -> list[Polynomial]:
     """Expressions beside those of placements and of gravity: ratios and weights."""
-    found = [value for coupling in mechanism.couplings for _, f in coupling.terms for value in f.expressions]
+    found = [
+        value
+        for coupling in mechanism.couplings
+        for _, f in coupling.terms
+        for value in f.expressions
+    ]
     found += [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
-    return found + [weight for output in mechanism.measured or () for _, weight in output.terms]
+    return found + [
+        weight for output in mechanism.measured or () for _, weight in output.terms
+    ]
 
 
 def _check_tree(mechanism: Mechanism) -> None:
@@ -408,21 +506,42 @@ def _check_tree(mechanism: Mechanism) -> None:
         if not GROUND <= body.parent < index:
             raise InputError("its parent must come before it", element=where)
         if body.inertial is not None and len(body.inertial) != PER_BODY:
-            raise InputError(f"expected {PER_BODY} inertial values, got {len(body.inertial)}", element=where)
+            raise InputError(
+                f"expected {PER_BODY} inertial values, got {len(body.inertial)}",
+                element=where,
+            )
         first = mechanism.bodies[mechanism.sharing[index][0]]
         shared = f"it shares the label '{body.label}', and so its parameters, with '{first.name}'"
         if body.carried != first.carried:
-            raise InputError(f"{shared}, which carries others of the ten", element=where)
-        if None not in (body.inertial, first.inertial) and body.inertial != first.inertial:
-            raise InputError(f"{shared}, for which other inertial values are stated", element=where)
+            raise InputError(
+                f"{shared}, which carries others of the ten", element=where
+            )
+        if (
+            None not in (body.inertial, first.inertial)
+            and body.inertial != first.inertial
+        ):
+            raise InputError(
+                f"{shared}, for which other inertial values are stated", element=where
+            )
         for motion in body.joint.motions:
             if motion.name in coordinates:
-                raise InputError(f"coordinate '{motion.name}' occurs twice", element=f"joint '{body.joint.name}'")
+                raise InputError(
+                    f"coordinate '{motion.name}' occurs twice",
+                    element=f"joint '{body.joint.name}'",
+                )
             coordinates.add(motion.name)
-    names = [parameter.name for parameter in mechanism.columns if parameter.body is not None]
-    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    names = [
+        parameter.name for parameter in mechanism.columns if parameter.body is not None
+    ]
+    twice = (
+        sorted({name for name in names if names.count(name) > 1})
+        if len(set(names)) < len(names)
+        else []
+    )
     if twice:
-        raise InputError(f"labels such as 1 and X1 give two parameters the name '{twice[0]}'; choose other labels")
+        raise InputError(
+            f"labels such as 1 and X1 give two parameters the name '{twice[0]}'; choose other labels"
+        )
 
 
 def _check_couplings(mechanism: Mechanism) -> None:
@@ -435,7 +554,10 @@ def _check_couplings(mechanism: Mechanism) -> None:
         for name in (coupling.coordinate, *(name for name, _ in coupling.terms)):
             if name not in scalar:
                 valid = ", ".join(sorted(scalar)) or "none"
-                raise InputError(f"'{name}' is not a single coordinate (valid: {valid})", element=where)
+                raise InputError(
+                    f"'{name}' is not a single coordinate (valid: {valid})",
+                    element=where,
+                )
         if mechanism.closures and any(function.knots for _, function in coupling.terms):
             raise InputError(
                 "with loops, couplings must be polynomials; state the piece of the spline that is meant, or read the "
@@ -444,7 +566,10 @@ def _check_couplings(mechanism: Mechanism) -> None:
             )
         for name, _ in coupling.terms:
             if name in dependent:
-                raise InputError(f"'{name}' is itself dependent; refer to independent ones only", element=where)
+                raise InputError(
+                    f"'{name}' is itself dependent; refer to independent ones only",
+                    element=where,
+                )
 
 
 def _check_closures(mechanism: Mechanism) -> None:
@@ -452,33 +577,50 @@ def _check_closures(mechanism: Mechanism) -> None:
         where = f"closure '{closure.name}'"
         for body in (closure.first, closure.second):
             if not GROUND <= body < len(mechanism.bodies):
-                raise InputError("it connects a body that does not exist", element=where)
+                raise InputError(
+                    "it connects a body that does not exist", element=where
+                )
         if closure.first == closure.second:
             raise InputError("it connects a body to itself", element=where)
     for name in mechanism.independent:
         if name not in mechanism.velocities:
             valid = ", ".join(mechanism.velocities)
-            raise InputError(f"'{name}' cannot be an independent coordinate (valid: {valid})", element="independent")
+            raise InputError(
+                f"'{name}' cannot be an independent coordinate (valid: {valid})",
+                element="independent",
+            )
 
 
 def _check_effects(mechanism: Mechanism) -> None:
-    taken = {parameter.name for parameter in mechanism.columns if parameter.body is not None}
-    symbols = {name for body in mechanism.bodies for name in body.joint.symbols()} | set(mechanism.symbols)
+    taken = {
+        parameter.name for parameter in mechanism.columns if parameter.body is not None
+    }
+    symbols = {
+        name for body in mechanism.bodies for name in body.joint.symbols()
+    } | set(mechanism.symbols)
     clash = next((name for name in sorted(symbols) if name in taken), None)
     if clash is not None:
-        raise InputError(f"the symbol '{clash}' has the name of a standard parameter; rename it")
+        raise InputError(
+            f"the symbol '{clash}' has the name of a standard parameter; rename it"
+        )
     drives = [actuator.name for actuator in mechanism.transmission.actuators]
     joints = [name for motion in mechanism.motions for name in motion.velocities]
     for effect in mechanism.effects:
         where = f"effect '{effect.parameter}'"
         if effect.parameter in taken or effect.parameter in symbols:
-            raise InputError("another parameter or symbol has this name; choose another label", element=where)
+            raise InputError(
+                "another parameter or symbol has this name; choose another label",
+                element=where,
+            )
         taken.add(effect.parameter)
         for action in effect.actions:
             valid = drives if action.side is Side.ACTUATOR else joints
             if action.at not in valid:
                 names = ", ".join(valid) or "none"
-                raise InputError(f"there is no {action.side} '{action.at}' (valid: {names})", element=where)
+                raise InputError(
+                    f"there is no {action.side} '{action.at}' (valid: {names})",
+                    element=where,
+                )
 
 
 def _check_outputs(mechanism: Mechanism) -> None:
@@ -491,9 +633,16 @@ def _check_outputs(mechanism: Mechanism) -> None:
         for channel, _ in output.terms:
             if isinstance(channel, Cut):
                 if not GROUND <= channel.body < len(mechanism.bodies):
-                    raise InputError("it is at a body that does not exist", element=f"output '{output.name}'")
+                    raise InputError(
+                        "it is at a body that does not exist",
+                        element=f"output '{output.name}'",
+                    )
                 continue
-            valid = mechanism.independent_velocities if channel.side is Side.JOINT else drives
+            valid = (
+                mechanism.independent_velocities
+                if channel.side is Side.JOINT
+                else drives
+            )
             if channel.at not in valid:
                 problem = f"'{channel.at}' is not measurable here (valid: {', '.join(valid) or 'none'})"
                 raise InputError(problem, element=f"output '{output.name}'")
@@ -503,10 +652,15 @@ def _check_names(mechanism: Mechanism) -> None:
     """Refuse names because of which a row of a result could be read as another."""
     for body in mechanism.bodies:
         check_identifier(body.label, f"label of body '{body.name}'")
-    for name in mechanism.symbols.keys() - {PI, PER_PI}:  # which no file can call a symbol of its own
+    for name in mechanism.symbols.keys() - {
+        PI,
+        PER_PI,
+    }:  # which no file can call a symbol of its own
         check_identifier(name, f"symbol '{name}'", composed=True)
     for effect in mechanism.effects:
-        check_identifier(effect.parameter, f"effect '{effect.parameter}'", composed=True)
+        check_identifier(
+            effect.parameter, f"effect '{effect.parameter}'", composed=True
+        )
         check_text(effect.unit, f"unit of effect '{effect.parameter}'")
     for output in mechanism.measured or ():
         check_text(output.unit, f"unit of output '{output.name}'")

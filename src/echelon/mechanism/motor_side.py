@@ -16,7 +16,9 @@ from echelon.mechanism.stated import symbol_values
 
 @public
 def joint_side(
-    mechanism: Mechanism | Readable, values: npt.ArrayLike, symbols: Mapping[str, float] | None = None
+    mechanism: Mechanism | Readable,
+    values: npt.ArrayLike,
+    symbols: Mapping[str, float] | None = None,
 ) -> npt.NDArray[np.float64]:
     """Joint coordinates, velocities or accelerations from those at the motors.
 
@@ -49,16 +51,31 @@ def joint_side(
     mechanism = mechanism_of(mechanism)
     driven, matrix = transmission_matrix(mechanism, symbols)
     result = np.array(values, dtype=float, ndmin=2)
-    orders = (mechanism.velocities, mechanism.positions, mechanism.independent_velocities)
-    names = next((order for order in orders if result.ndim == 2 and len(order) == result.shape[1]), None)
+    orders = (
+        mechanism.velocities,
+        mechanism.positions,
+        mechanism.independent_velocities,
+    )
+    names = next(
+        (
+            order
+            for order in orders
+            if result.ndim == 2 and len(order) == result.shape[1]
+        ),
+        None,
+    )
     if names is None:
         left = iter(actuator.name for actuator in mechanism.actuators)
-        columns_of = [next(left) if name in driven else name for name in mechanism.velocities]
+        columns_of = [
+            next(left) if name in driven else name for name in mechanism.velocities
+        ]
         raise InputError(f"expected columns for {', '.join(columns_of)}")
     if not driven:
         return result
     columns = [names.index(name) for name in driven]
-    result[:, columns] = np.linalg.solve(matrix, result[:, columns].T).T + 0.0  # no negative zeros
+    result[:, columns] = (
+        np.linalg.solve(matrix, result[:, columns].T).T + 0.0
+    )  # no negative zeros
     return result
 
 
@@ -69,7 +86,9 @@ def transmission_matrix(
     moved = {name for actuator in mechanism.actuators for name, _ in actuator.terms}
     driven = tuple(name for name in mechanism.velocities if name in moved)
     ratios = [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
-    known = symbol_values(mechanism, sorted({s for ratio in ratios for s in ratio.symbols()}), symbols)
+    known = symbol_values(
+        mechanism, sorted({s for ratio in ratios for s in ratio.symbols()}), symbols
+    )
     matrix = np.zeros((len(mechanism.actuators), len(driven)))
     for row, actuator in enumerate(mechanism.actuators):
         for name, ratio in actuator.terms:

@@ -19,7 +19,9 @@ _LARGEST_PLAIN = 2
 """Denominators of entries of rotations by multiples of 30, 45 or 60 degrees, which stay as they are."""
 
 
-def nudged(mechanism: Mechanism, amount: Fraction, length: float, rng: np.random.Generator) -> Mechanism:
+def nudged(
+    mechanism: Mechanism, amount: Fraction, length: float, rng: np.random.Generator
+) -> Mechanism:
     """The mechanism with other numbers in its geometry.
 
     Parameters
@@ -39,7 +41,11 @@ def nudged(mechanism: Mechanism, amount: Fraction, length: float, rng: np.random
     nudge = _Nudge(amount, Fraction(length), rng)
     bodies = tuple(nudge.body(body) for body in mechanism.bodies)
     closures = tuple(
-        replace(c, first_frame=nudge.placement(c.first_frame), second_frame=nudge.placement(c.second_frame))
+        replace(
+            c,
+            first_frame=nudge.placement(c.first_frame),
+            second_frame=nudge.placement(c.second_frame),
+        )
         for c in mechanism.closures
     )
     symbols = {name: nudge.symbol(symbol) for name, symbol in mechanism.symbols.items()}
@@ -47,7 +53,9 @@ def nudged(mechanism: Mechanism, amount: Fraction, length: float, rng: np.random
 
 
 class _Nudge:
-    def __init__(self, amount: Fraction, length: Fraction, rng: np.random.Generator) -> None:
+    def __init__(
+        self, amount: Fraction, length: Fraction, rng: np.random.Generator
+    ) -> None:
         self.amount, self.length, self.rng = amount, length, rng
 
     def change(self) -> Fraction:
@@ -56,13 +64,17 @@ class _Nudge:
 
     def body(self, body: Body) -> Body:
         """A body with its joint's frames elsewhere."""
-        steps = tuple(self.placement(s) if isinstance(s, Placement) else s for s in body.joint.steps)
+        steps = tuple(
+            self.placement(s) if isinstance(s, Placement) else s
+            for s in body.joint.steps
+        )
         return replace(body, joint=replace(body.joint, steps=steps))
 
     def placement(self, placement: Placement) -> Placement:
         """A frame that is moved where its translation is not zero, and turned where its rotation is a general one."""
         x, y, z = (
-            value + as_polynomial(self.change() * self.length) if value else value for value in placement.translation
+            value + as_polynomial(self.change() * self.length) if value else value
+            for value in placement.translation
         )
         moved = Placement(placement.rotation, (x, y, z))
         if not any(_is_general(entry) for row in placement.rotation for entry in row):
@@ -86,4 +98,6 @@ def _is_general(entry: Polynomial) -> bool:
     number = entry.number
     if number is None:
         return False
-    return any(Fraction(part).denominator > _LARGEST_PLAIN**2 for part in parts_of(number))
+    return any(
+        Fraction(part).denominator > _LARGEST_PLAIN**2 for part in parts_of(number)
+    )

@@ -37,7 +37,9 @@ def mechanism_of(source: Mechanism | Readable) -> Mechanism:
     found = loaded(source)
     mechanism = getattr(found, "mechanism", found)  # a saved set holds its robot
     if not isinstance(mechanism, Mechanism):
-        raise InputError(f"a robot is needed, not a {type(found).__name__}", source=str(source))
+        raise InputError(
+            f"a robot is needed, not a {type(found).__name__}", source=str(source)
+        )
     return mechanism
 
 

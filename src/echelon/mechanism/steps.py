@@ -14,7 +14,14 @@ from typing import Any, TypeVar
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, transpose, turned
+from echelon.mechanism.joint import (
+    GROUND,
+    Motion,
+    MotionKind,
+    Placement,
+    transpose,
+    turned,
+)
 from echelon.mechanism.mechanism import Cut, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.program.text import heaviside, record_expression
@@ -40,7 +47,11 @@ def dot(a: Vec, b: Vec) -> Scalar:
 
 def cross(a: Vec, b: Vec) -> Vec:
     """a × b."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
 
 
 def apply(matrix: Mat, v: Vec) -> Vec:
@@ -51,7 +62,9 @@ def apply(matrix: Mat, v: Vec) -> Vec:
 def product(left: Mat, right: Mat) -> Mat:
     """Matrix product."""
     columns = transpose(right)
-    return transpose((apply(left, columns[0]), apply(left, columns[1]), apply(left, columns[2])))
+    return transpose(
+        (apply(left, columns[0]), apply(left, columns[1]), apply(left, columns[2]))
+    )
 
 
 def identity(program: Program) -> Mat:
@@ -60,10 +73,17 @@ def identity(program: Program) -> Mat:
     return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
 
 
-def quaternion_times(quaternion: Iterable[Any], vector: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
+def quaternion_times(
+    quaternion: Iterable[Any], vector: Iterable[Any]
+) -> tuple[Any, Any, Any, Any]:
     """The product of a quaternion (w, x, y, z) and a vector, of any numbers; half of it with a velocity is its rate."""
     (w, x, y, z), (a, b, c) = quaternion, vector
-    return (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
+    return (
+        -x * a - y * b - z * c,
+        w * a + y * c - z * b,
+        w * b + z * a - x * c,
+        w * c + x * b - y * a,
+    )
 
 
 T = TypeVar("T")
@@ -104,10 +124,17 @@ class Recorder:
     ``given`` holds values that stand in for inputs, by the input's name: ``{"qdd[j1]": program.zero}``.
     """
 
-    def __init__(self, mechanism: Mechanism, program: Program, given: Mapping[str, Scalar] | None = None) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        program: Program,
+        given: Mapping[str, Scalar] | None = None,
+    ) -> None:
         self.mechanism, self.program, self._given = mechanism, program, given or {}
         self.zeros: Vec = (program.zero, program.zero, program.zero)
-        self.slopes: dict[str, dict[str, Scalar]] = {}  # of dependent coordinates, by those that they follow
+        self.slopes: dict[
+            str, dict[str, Scalar]
+        ] = {}  # of dependent coordinates, by those that they follow
         self.coordinates = self._record_coordinates()
 
     def steps(self, body: int) -> list[Step]:
@@ -131,17 +158,29 @@ class Recorder:
 
     def _record_coordinates(self) -> Mapping[str, Coordinates]:
         dependent = self.mechanism.dependent
-        known = {m.name: self._inputs(m) for m in self.mechanism.motions if m.name not in dependent}
+        known = {
+            m.name: self._inputs(m)
+            for m in self.mechanism.motions
+            if m.name not in dependent
+        }
         for coupling in self.mechanism.couplings:
             position = rate = acceleration = self.program.zero
             slopes = self.slopes[coupling.coordinate] = {}
             for name, function in coupling.terms:
                 at = known[name]
-                value, slope, curvature = function.derivatives(at.position[0], self.program.polynomial, heaviside)
+                value, slope, curvature = function.derivatives(
+                    at.position[0], self.program.polynomial, heaviside
+                )
                 slopes[name] = slope
                 position, rate = position + value, rate + at.rate[0] * slope
-                acceleration = acceleration + at.acceleration[0] * slope + at.rate[0] * at.rate[0] * curvature
-            known[coupling.coordinate] = Coordinates((position,), (rate,), (acceleration,))
+                acceleration = (
+                    acceleration
+                    + at.acceleration[0] * slope
+                    + at.rate[0] * at.rate[0] * curvature
+                )
+            known[coupling.coordinate] = Coordinates(
+                (position,), (rate,), (acceleration,)
+            )
         return known
 
     def _inputs(self, motion: Motion) -> Coordinates:
@@ -176,13 +215,31 @@ class Recorder:
         position = coordinates.position[0]
         if motion.kind is MotionKind.TRANSLATION:
             shift = scale(axis, position)
-            return [Step(None, shift, (Freedom(motion.name, self.zeros, axis, rate, acceleration),))]
+            return [
+                Step(
+                    None,
+                    shift,
+                    (Freedom(motion.name, self.zeros, axis, rate, acceleration),),
+                )
+            ]
         turned = self.turn(motion.axis, position.cos(), position.sin() * motion.sign)
         if motion.kind is MotionKind.ROTATION:
-            return [Step(turned, None, (Freedom(motion.name, axis, self.zeros, rate, acceleration),))]
+            return [
+                Step(
+                    turned,
+                    None,
+                    (Freedom(motion.name, axis, self.zeros, rate, acceleration),),
+                )
+            ]
         travel = scale(axis, self.program.polynomial(motion.pitch))
         # a screw shifts along the axis it turns about, so both directions are the same in old and new axes
-        return [Step(turned, scale(travel, position), (Freedom(motion.name, axis, travel, rate, acceleration),))]
+        return [
+            Step(
+                turned,
+                scale(travel, position),
+                (Freedom(motion.name, axis, travel, rate, acceleration),),
+            )
+        ]
 
     def _axis(self, axis: int, sign: int) -> Vec:
         unit = self.program.constant(sign)
@@ -197,7 +254,14 @@ class Recorder:
         w, x, y, z = coordinates.position
         two = self.program.constant(2)
         xx, yy, zz = two * x * x, two * y * y, two * z * z
-        xy, xz, yz, wx, wy, wz = two * x * y, two * x * z, two * y * z, two * w * x, two * w * y, two * w * z
+        xy, xz, yz, wx, wy, wz = (
+            two * x * y,
+            two * x * z,
+            two * y * z,
+            two * w * x,
+            two * w * y,
+            two * w * z,
+        )
         one = self.program.one
         rotation: Mat = (
             (one - yy - zz, xy - wz, xz + wy),
@@ -205,13 +269,21 @@ class Recorder:
             (xz - wy, yz + wx, one - xx - yy),
         )
         freedoms = tuple(
-            Freedom(name, self._axis(k, 1), self.zeros, coordinates.rate[k], coordinates.acceleration[k])
+            Freedom(
+                name,
+                self._axis(k, 1),
+                self.zeros,
+                coordinates.rate[k],
+                coordinates.acceleration[k],
+            )
             for k, name in enumerate(motion.velocities)
         )
         return Step(rotation, None, freedoms)
 
 
-def forward(mechanism: Mechanism, ground: T, behind: Callable[[T, int], T]) -> dict[int, T]:
+def forward(
+    mechanism: Mechanism, ground: T, behind: Callable[[T, int], T]
+) -> dict[int, T]:
     """A quantity of every body's frame, each from that of its parent: ``behind(of parent, body)``."""
     found = {GROUND: ground}
     for index, body in enumerate(mechanism.bodies):
@@ -219,7 +291,12 @@ def forward(mechanism: Mechanism, ground: T, behind: Callable[[T, int], T]) -> d
     return found
 
 
-def backward(mechanism: Mechanism, own: dict[int, T], before: Callable[[T, int], T], plus: Callable[[T, T], T]) -> None:
+def backward(
+    mechanism: Mechanism,
+    own: dict[int, T],
+    before: Callable[[T, int], T],
+    plus: Callable[[T, T], T],
+) -> None:
     """Sums of a quantity over all that is behind each body, from the tips to the ground, in place of each body's own.
 
     ``before(sum, body)`` is the sum as seen from the parent's frame.
@@ -259,7 +336,9 @@ class Probes:
         recorded: list[Step] = []
         for cut, name in self.names.items():
             if cut.body == body and cut.on_parent == on_parent:
-                there, back = map(self.recorder.placement, (cut.frame, cut.frame.inverse()))
+                there, back = map(
+                    self.recorder.placement, (cut.frame, cut.frame.inverse())
+                )
                 recorded += [there, self._freedom(cut, name), back]
         return recorded
 
@@ -268,14 +347,18 @@ class Probes:
         x, y, z = (program.one if k == cut.axis else program.zero for k in range(3))
         direction = (x, y, z)
         angular, linear = (direction, zeros) if cut.angular else (zeros, direction)
-        return Step(None, None, (Freedom(name, angular, linear, program.zero, program.zero),))
+        return Step(
+            None, None, (Freedom(name, angular, linear, program.zero, program.zero),)
+        )
 
 
 @dataclass(frozen=True)
 class VirtualMotion:
     """Virtual velocities that belong to one output, or to all of them together."""
 
-    freedoms: Mapping[str, Scalar]  # of joint coordinates (dependent ones included) and cuts; absent where zero
+    freedoms: Mapping[
+        str, Scalar
+    ]  # of joint coordinates (dependent ones included) and cuts; absent where zero
     drives: Mapping[str, Scalar]  # of actuators, whose effects the output sees
     # those of freedoms that the outputs determine; in a mechanism with loops the others follow, unless it is empty
     chosen: Mapping[str, Scalar]
@@ -286,7 +369,10 @@ Speeds = Callable[[Mapping[str, Scalar]], Mapping[str, Scalar]]
 
 
 def virtual_motion(
-    mechanism: Mechanism, probes: Probes, speeds: Mapping[str, Scalar], solved: Speeds | None = None
+    mechanism: Mechanism,
+    probes: Probes,
+    speeds: Mapping[str, Scalar],
+    solved: Speeds | None = None,
 ) -> VirtualMotion:
     """The virtual motion whose power is Σ speed · output."""
     program = probes.recorder.program
@@ -309,12 +395,20 @@ def virtual_motion(
                 increase(freedoms, channel.at, speed)
             else:
                 increase(drives, channel.at, speed)
-                for joint, inverse in mechanism.transmission.inverse[channel.at].items():
-                    factor = program.polynomial(inverse.numerator) / program.polynomial(inverse.denominator)
+                for joint, inverse in mechanism.transmission.inverse[
+                    channel.at
+                ].items():
+                    factor = program.polynomial(inverse.numerator) / program.polynomial(
+                        inverse.denominator
+                    )
                     increase(freedoms, joint, speed * factor)
     chosen = dict(freedoms)
     names = mechanism.dependent_velocities
-    freedoms.update({n: program.input(f"v[{n}]") for n in names} if solved is None else solved(chosen))
+    freedoms.update(
+        {n: program.input(f"v[{n}]") for n in names}
+        if solved is None
+        else solved(chosen)
+    )
     return VirtualMotion(_coupled(probes.recorder, freedoms), drives, chosen)
 
 
@@ -326,23 +420,36 @@ def measured_motion(mechanism: Mechanism, probes: Probes) -> VirtualMotion:
     if mechanism.closures and mechanism.measures_every_force:
         return any_motion(mechanism, probes.recorder)
     program = probes.recorder.program
-    speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
+    speeds = {
+        output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs
+    }
     return virtual_motion(mechanism, probes, speeds)
 
 
-def any_motion(mechanism: Mechanism, recorder: Recorder, kind: str = "v") -> VirtualMotion:
+def any_motion(
+    mechanism: Mechanism, recorder: Recorder, kind: str = "v"
+) -> VirtualMotion:
     """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``."""
     program = recorder.program
     freedoms = {name: program.input(f"{kind}[{name}]") for name in mechanism.velocities}
     return motion_of_joints(mechanism, recorder, freedoms)
 
 
-def motion_of_joints(mechanism: Mechanism, recorder: Recorder, freedoms: dict[str, Scalar]) -> VirtualMotion:
+def motion_of_joints(
+    mechanism: Mechanism, recorder: Recorder, freedoms: dict[str, Scalar]
+) -> VirtualMotion:
     """The virtual motion in which some independent coordinates have given velocities, and the drives follow."""
     program = recorder.program
     zero = program.zero
     drives = {
-        actuator.name: sum((freedoms[n] * program.polynomial(r) for n, r in actuator.terms if n in freedoms), zero)
+        actuator.name: sum(
+            (
+                freedoms[n] * program.polynomial(r)
+                for n, r in actuator.terms
+                if n in freedoms
+            ),
+            zero,
+        )
         for actuator in mechanism.transmission.actuators
         if any(n in freedoms for n, _ in actuator.terms)
     }
@@ -353,9 +460,13 @@ def _coupled(recorder: Recorder, freedoms: dict[str, Scalar]) -> dict[str, Scala
     """Virtual velocities completed by those of dependent coordinates."""
     complete = dict(freedoms)
     for coordinate, slopes in recorder.slopes.items():
-        moved = [freedoms[name] * slope for name, slope in slopes.items() if name in freedoms]
+        moved = [
+            freedoms[name] * slope for name, slope in slopes.items() if name in freedoms
+        ]
         if moved:
-            complete[coordinate] = sum(moved, complete.get(coordinate, recorder.program.zero))
+            complete[coordinate] = sum(
+                moved, complete.get(coordinate, recorder.program.zero)
+            )
     return complete
 
 
@@ -379,7 +490,13 @@ class EffectRecorder:
         names["i"] = program.input(f"i[{action.at}]")
         for name in self.mechanism.symbols:
             names.setdefault(name, program.input(name, "symbol"))
-        return record_expression(action.term, names, f"effect '{effect.parameter}'", program, rounded_phases=True)
+        return record_expression(
+            action.term,
+            names,
+            f"effect '{effect.parameter}'",
+            program,
+            rounded_phases=True,
+        )
 
     def _all_states(self) -> dict[str, Scalar]:
         """Positions, velocities and accelerations of all coordinates and actuators, by the names used in terms."""
@@ -387,27 +504,46 @@ class EffectRecorder:
         recorder = self.recorder
         for motion in self.mechanism.motions:
             at = recorder.coordinates[motion.name]
-            for name, rate, acceleration in zip(motion.velocities, at.rate, at.acceleration, strict=True):
+            for name, rate, acceleration in zip(
+                motion.velocities, at.rate, at.acceleration, strict=True
+            ):
                 names |= {f"qd[{name}]": rate, f"qdd[{name}]": acceleration}
-            if len(at.position) == 1:  # a free rotation has no coordinate that a term could use
+            if (
+                len(at.position) == 1
+            ):  # a free rotation has no coordinate that a term could use
                 names[f"q[{motion.name}]"] = at.position[0]
         for actuator in self.mechanism.transmission.actuators:
-            terms = [(recorder.coordinates.get(n), recorder.program.polynomial(r)) for n, r in actuator.terms]
+            terms = [
+                (recorder.coordinates.get(n), recorder.program.polynomial(r))
+                for n, r in actuator.terms
+            ]
             if any(c is None or len(c.position) != 1 for c, _ in terms):
                 continue
             zero = recorder.program.zero
             known = [(c, r) for c, r in terms if c is not None]
-            names[f"q[{actuator.name}]"] = sum((c.position[0] * r for c, r in known), zero)
+            names[f"q[{actuator.name}]"] = sum(
+                (c.position[0] * r for c, r in known), zero
+            )
             names[f"qd[{actuator.name}]"] = sum((c.rate[0] * r for c, r in known), zero)
-            names[f"qdd[{actuator.name}]"] = sum((c.acceleration[0] * r for c, r in known), zero)
+            names[f"qdd[{actuator.name}]"] = sum(
+                (c.acceleration[0] * r for c, r in known), zero
+            )
         return names
 
 
-def state_inputs(mechanism: Mechanism, q: Floats, qd: Floats, qdd: Floats) -> dict[str, Floats]:
+def state_inputs(
+    mechanism: Mechanism, q: Floats, qd: Floats, qdd: Floats
+) -> dict[str, Floats]:
     """Values of the inputs of states of all coordinates, by name."""
     velocities, found = mechanism.velocities, dict[str, Floats]()
-    for kind, array, names in (("q", q, mechanism.positions), ("qd", qd, velocities), ("qdd", qdd, velocities)):
+    for kind, array, names in (
+        ("q", q, mechanism.positions),
+        ("qd", qd, velocities),
+        ("qdd", qdd, velocities),
+    ):
         if array.ndim != 2 or array.shape[1] != len(names):
-            raise InputError(f"{kind} has shape {array.shape}; expected (samples, {len(names)}): {', '.join(names)}")
+            raise InputError(
+                f"{kind} has shape {array.shape}; expected (samples, {len(names)}): {', '.join(names)}"
+            )
         found |= {f"{kind}[{name}]": array[:, k] for k, name in enumerate(names)}
     return found

@@ -25,9 +25,18 @@ from echelon.exact.polynomial import (
 from echelon.mechanism.joint import Joint, MotionKind, merge
 from echelon.mechanism.mechanism import Mechanism
 
-_WITH_EXPRESSIONS = ("bodies", "gravity", "couplings", "closures", "actuators", "measured")
+_WITH_EXPRESSIONS = (
+    "bodies",
+    "gravity",
+    "couplings",
+    "closures",
+    "actuators",
+    "measured",
+)
 """Fields of a mechanism that hold expressions."""
-_NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")  # coordinates in brackets, which are no symbols, and names
+_NAMES = re.compile(
+    r"\[[^\]]*\]|[^\W\d]\w*"
+)  # coordinates in brackets, which are no symbols, and names
 
 
 def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mechanism:
@@ -38,19 +47,38 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
         generators = expression.generators()
         if not any(symbol_of(generator) in symbols for generator in generators):
             return expression
-        return expression.evaluate({g: _value_of(g, values, symbols) for g in generators}, as_polynomial)
+        return expression.evaluate(
+            {g: _value_of(g, values, symbols) for g in generators}, as_polynomial
+        )
 
-    changed = {name: _mapped(getattr(mechanism, name), put) for name in _WITH_EXPRESSIONS}
+    changed = {
+        name: _mapped(getattr(mechanism, name), put) for name in _WITH_EXPRESSIONS
+    }
     gravity = changed["gravity"] if any(changed["gravity"] or ()) else None
     effects = tuple(
-        replace(effect, actions=tuple(replace(action, term=_text(action.term, values)) for action in effect.actions))
+        replace(
+            effect,
+            actions=tuple(
+                replace(action, term=_text(action.term, values))
+                for action in effect.actions
+            ),
+        )
         for effect in mechanism.effects
     )
-    left = {name: symbol for name, symbol in mechanism.symbols.items() if name not in symbols}
-    return replace(mechanism, **{**changed, "gravity": gravity, "effects": effects, "symbols": left})
+    left = {
+        name: symbol
+        for name, symbol in mechanism.symbols.items()
+        if name not in symbols
+    }
+    return replace(
+        mechanism,
+        **{**changed, "gravity": gravity, "effects": effects, "symbols": left},
+    )
 
 
-def _value_of(generator: str, values: Mapping[str, Polynomial], symbols: Collection[str]) -> Polynomial:
+def _value_of(
+    generator: str, values: Mapping[str, Polynomial], symbols: Collection[str]
+) -> Polynomial:
     if generator in values or symbol_of(generator) not in symbols:
         return values.get(generator, Polynomial.generator(generator))
     count, symbol = multiple_of(generator)
@@ -68,14 +96,22 @@ def _mapped(value: Any, put: Callable[[Polynomial], Polynomial]) -> Any:
         return {name: _mapped(part, put) for name, part in value.items()}
     if not is_dataclass(value):
         return value
-    found = replace(value, **{f.name: _mapped(getattr(value, f.name), put) for f in fields(value)})  # type: ignore[type-var]
-    return replace(found, steps=merge(found.steps)) if isinstance(found, Joint) else found
+    found = replace(
+        value, **{f.name: _mapped(getattr(value, f.name), put) for f in fields(value)}
+    )  # type: ignore[type-var]
+    return (
+        replace(found, steps=merge(found.steps)) if isinstance(found, Joint) else found
+    )
 
 
 def _text(term: str, values: Mapping[str, Polynomial]) -> str:
     """A term of an effect, where expressions are text."""
-    plain = {name: value for name, value in values.items() if not is_trigonometric(name)}
-    return _NAMES.sub(lambda m: f"({format_polynomial(plain[m[0]])})" if m[0] in plain else m[0], term)
+    plain = {
+        name: value for name, value in values.items() if not is_trigonometric(name)
+    }
+    return _NAMES.sub(
+        lambda m: f"({format_polynomial(plain[m[0]])})" if m[0] in plain else m[0], term
+    )
 
 
 def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:
@@ -83,10 +119,20 @@ def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:
     sliding, ratios = _sliding(mechanism), list[Polynomial]()
     for coupling in mechanism.couplings:
         if coupling.coordinate not in sliding:
-            ratios += [ratio for _, function in coupling.terms if (ratio := function.ratio) is not None]
+            ratios += [
+                ratio
+                for _, function in coupling.terms
+                if (ratio := function.ratio) is not None
+            ]
     symbols = {symbol for ratio in ratios for symbol in ratio.symbols()}
-    numbers = {name: s.number for name, s in mechanism.symbols.items() if name in symbols}
-    known = {name: Polynomial.constant(value) for name, value in numbers.items() if value is not None}
+    numbers = {
+        name: s.number for name, s in mechanism.symbols.items() if name in symbols
+    }
+    known = {
+        name: Polynomial.constant(value)
+        for name, value in numbers.items()
+        if value is not None
+    }
     return substituted(mechanism, known) if known else mechanism
 
 
@@ -94,7 +140,10 @@ def inexact_coupling(mechanism: Mechanism) -> tuple[str, str] | None:
     """A coupling by which something turns without exact sines: where it is stated, and why; None if there is none."""
     sliding = _sliding(mechanism)
     for coupling in mechanism.couplings:
-        turns, where = coupling.coordinate not in sliding, f"coupling of '{coupling.coordinate}'"
+        turns, where = (
+            coupling.coordinate not in sliding,
+            f"coupling of '{coupling.coordinate}'",
+        )
         for name, function in coupling.terms:
             ratio = function.ratio
             if ratio is None:

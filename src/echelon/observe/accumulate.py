@@ -20,7 +20,12 @@ from echelon.arrays import Floats, one_thread
 from echelon.errors import InputError
 from echelon.machine.kernel import Batch, Columns, batch, processors
 from echelon.machine.target import Target
-from echelon.observe.observation import NormalEquations, Observation, layout_of, measured
+from echelon.observe.observation import (
+    NormalEquations,
+    Observation,
+    layout_of,
+    measured,
+)
 from echelon.observe.triangle import ROWS, update_triangle, upper_triangle
 from echelon.program.function import Argument, Function
 
@@ -56,44 +61,68 @@ class Observer:
     array([1., 2.])
     """
 
-    def __init__(self, function: Function, *, outputs: str = "y", target: Target | None = None) -> None:
+    def __init__(
+        self, function: Function, *, outputs: str = "y", target: Target | None = None
+    ) -> None:
         self.function = measured(function, outputs)
         self.layout, columns = layout_of(self.function)
         self._places = np.split(columns, np.cumsum(self.layout.sizes)[:-1])
         self._columns = Columns(self.function, ROWS, target)
 
     def __call__(
-        self, data: Data | Iterable[Data], *, block: int | None = None, threads: int | None = None
+        self,
+        data: Data | Iterable[Data],
+        *,
+        block: int | None = None,
+        threads: int | None = None,
     ) -> Observation:
         """R-factors of [W y].
 
         ``data`` holds the regressor's arguments and the measured outputs by name, of shape (samples, size), or (size,)
         where they are the same for all samples; pieces of an iterable follow one another.
         """
-        factors, samples = self._reduced(data, _Method(update_triangle, upper_triangle), block, threads)
+        factors, samples = self._reduced(
+            data, _Method(update_triangle, upper_triangle), block, threads
+        )
         return Observation.of(self.layout, factors, samples)
 
     def normal_equations(
-        self, data: Data | Iterable[Data], *, block: int | None = None, threads: int | None = None
+        self,
+        data: Data | Iterable[Data],
+        *,
+        block: int | None = None,
+        threads: int | None = None,
     ) -> NormalEquations:
         """Gram matrices of [W y]: faster, with half the digits; arguments are those of a call."""
-        factors, samples = self._reduced(data, _Method(_add_products, np.add), block, threads)
+        factors, samples = self._reduced(
+            data, _Method(_add_products, np.add), block, threads
+        )
         return NormalEquations(self.layout, tuple(factors), samples)
 
     def _reduced(
-        self, data: Data | Iterable[Data], method: _Method, block: int | None, threads: int | None
+        self,
+        data: Data | Iterable[Data],
+        method: _Method,
+        block: int | None,
+        threads: int | None,
     ) -> tuple[Factors, int]:
         """All outputs' factors, and the number of samples."""
         block = BLOCK if block is None else block
         if block < 1 or (threads is not None and threads < 1):
-            raise InputError(f"block is {block} and threads is {threads}; expected at least 1 of each")
+            raise InputError(
+                f"block is {block} and threads is {threads}; expected at least 1 of each"
+            )
         block, threads = -(-block // ROWS) * ROWS, threads or processors()
         total, samples, factored = self._nothing(), 0, partial(self._factored, method)
         with one_thread(), ThreadPoolExecutor(threads) as pool:
             for blocks in _rounds(self.function.arguments, data, block, threads):
                 for start in range(0, len(blocks), _AHEAD * threads):
-                    for part in pool.map(factored, blocks[start : start + _AHEAD * threads]):
-                        total = [method.merge(a, b) for a, b in zip(total, part, strict=True)]
+                    for part in pool.map(
+                        factored, blocks[start : start + _AHEAD * threads]
+                    ):
+                        total = [
+                            method.merge(a, b) for a, b in zip(total, part, strict=True)
+                        ]
                 samples += sum(piece.batch.samples for piece in blocks)
         return total, samples
 
@@ -131,7 +160,10 @@ class _Block:
 
 
 def _rounds(
-    arguments: tuple[Argument, ...], data: Data | Iterable[Data], length: int, threads: int
+    arguments: tuple[Argument, ...],
+    data: Data | Iterable[Data],
+    length: int,
+    threads: int,
 ) -> Iterator[list[_Block]]:
     """Blocks, as soon as there are enough for all threads; what waits for more samples is copied."""
     waiting: list[Batch] = []
@@ -144,35 +176,57 @@ def _rounds(
         whole = ready // length * length if ready >= threads * length else 0
         if whole:
             joined = Batch.joined(waiting)
-            yield [_Block(joined.part(k, k + length), number + k) for k in range(0, whole, length)]
-            waiting, number, ready = [joined.part(whole, ready)], number + whole, ready - whole
+            yield [
+                _Block(joined.part(k, k + length), number + k)
+                for k in range(0, whole, length)
+            ]
+            waiting, number, ready = (
+                [joined.part(whole, ready)],
+                number + whole,
+                ready - whole,
+            )
         waiting[-1] = waiting[-1].copy()
     if ready:
         rest = Batch.joined(waiting)
-        yield [_Block(rest.part(k, min(k + length, ready)), number + k) for k in range(0, ready, length)]
+        yield [
+            _Block(rest.part(k, min(k + length, ready)), number + k)
+            for k in range(0, ready, length)
+        ]
 
 
-def _check_uniform(arguments: tuple[Argument, ...], given: Batch, earlier: list[Batch]) -> None:
+def _check_uniform(
+    arguments: tuple[Argument, ...], given: Batch, earlier: list[Batch]
+) -> None:
     names = [(a.name, label) for a in arguments if a.uniform for label in a.labels]
     for (name, label), value in zip(names, given.uniform.tolist(), strict=True):
         if not np.isfinite(value):
-            raise InputError(f"{name} of '{label}' is {value}; expected a finite number")
+            raise InputError(
+                f"{name} of '{label}' is {value}; expected a finite number"
+            )
     if earlier and not np.array_equal(earlier[0].uniform, given.uniform):
-        raise InputError("uniform arguments, such as symbols, have changed between two pieces")
+        raise InputError(
+            "uniform arguments, such as symbols, have changed between two pieces"
+        )
 
 
 def _not_finite(arguments: tuple[Argument, ...], block: _Block) -> InputError:
     """The error for a block whose factors are not finite: the first value that is not, or what else may be wrong."""
     found = []
-    for argument, column in zip((a for a in arguments if not a.uniform), block.batch.columns, strict=True):
+    for argument, column in zip(
+        (a for a in arguments if not a.uniform), block.batch.columns, strict=True
+    ):
         wrong = np.argwhere(~np.isfinite(column))
         if len(wrong):
             row, k = wrong[0].tolist()
-            found.append((row, argument.name, argument.labels[k], float(column[row, k])))
+            found.append(
+                (row, argument.name, argument.labels[k], float(column[row, k]))
+            )
     if found:
         row, name, label, value = min(found)
         sample = block.number + row
-        return InputError(f"{name} of '{label}' is {value} in sample {sample}; leave out samples that are not complete")
+        return InputError(
+            f"{name} of '{label}' is {value} in sample {sample}; leave out samples that are not complete"
+        )
     last = block.number + block.batch.samples - 1
     return InputError(
         f"the regressor is not finite, or too large to be squared, in some sample from {block.number} to {last}, "

@@ -31,7 +31,9 @@ class Layout:
 
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
-    columns: tuple[tuple[int, ...], ...]  # for each output, the parameters that it can depend on, ascending
+    columns: tuple[
+        tuple[int, ...], ...
+    ]  # for each output, the parameters that it can depend on, ascending
 
     @cached_property
     def sizes(self) -> tuple[int, ...]:
@@ -46,16 +48,24 @@ class Layout:
 def measured(function: Function, name: str = "y") -> Function:
     """A regressor of shape (m, n) with the measured outputs, an argument of this name, as one more column."""
     if len(function.axes) != 2:
-        raise InputError(f"{function} is not a regressor: expected a result of shape (outputs, parameters)")
+        raise InputError(
+            f"{function} is not a regressor: expected a result of shape (outputs, parameters)"
+        )
     if any(argument.name == name for argument in function.arguments):
-        raise InputError(f"{function} already has an argument '{name}': choose another name for the measured outputs")
+        raise InputError(
+            f"{function} already has an argument '{name}': choose another name for the measured outputs"
+        )
     outputs, parameters = function.axes
     nodes = tuple(function.program.input(f"{name}[{label}]").node for label in outputs)
     units = function.units or ("",) * len(outputs)
     argument = Argument(name, nodes, outputs, units, "measured outputs")
-    entries = dict(function.entries) | {(i, len(parameters)): node for i, node in enumerate(nodes)}
+    entries = dict(function.entries) | {
+        (i, len(parameters)): node for i, node in enumerate(nodes)
+    }
     axes = (outputs, (*parameters, name))
-    return replace(function, arguments=(*function.arguments, argument), entries=entries, axes=axes)
+    return replace(
+        function, arguments=(*function.arguments, argument), entries=entries, axes=axes
+    )
 
 
 def layout_of(function: Function) -> tuple[Layout, Integers]:
@@ -63,18 +73,33 @@ def layout_of(function: Function) -> tuple[Layout, Integers]:
     outputs, columns = function.axes
     entry = {index: e for e, index in enumerate(function.entries)}
     last = len(columns) - 1
-    by_output = [sorted(column for row, column in function.entries if row == output) for output in range(len(outputs))]
-    numbers = [entry[output, column] for output, some in enumerate(by_output) for column in some]
-    kept = tuple(tuple(column for column in some if column != last) for some in by_output)
+    by_output = [
+        sorted(column for row, column in function.entries if row == output)
+        for output in range(len(outputs))
+    ]
+    numbers = [
+        entry[output, column]
+        for output, some in enumerate(by_output)
+        for column in some
+    ]
+    kept = tuple(
+        tuple(column for column in some if column != last) for some in by_output
+    )
     return Layout(outputs, columns[:-1], kept), np.array(numbers, dtype=np.int64)
 
 
-def restricted(layout: Layout, parameters: Sequence[int]) -> tuple[Layout, list[list[int]]]:
+def restricted(
+    layout: Layout, parameters: Sequence[int]
+) -> tuple[Layout, list[list[int]]]:
     """The layout of some parameters, in the given order, and for each output the places of its columns."""
     count = len(layout.parameters)
     wrong = [p for p in parameters if not 0 <= p < count]
     if wrong or len(set(parameters)) != len(parameters):
-        problem = f"there is no parameter {wrong[0]}" if wrong else "a parameter is given twice"
+        problem = (
+            f"there is no parameter {wrong[0]}"
+            if wrong
+            else "a parameter is given twice"
+        )
         raise InputError(f"{problem}; expected different numbers from 0 to {count - 1}")
     kept, places = [], []
     for columns in layout.columns:
@@ -141,14 +166,27 @@ class Observation:
         """
         zeta = np.asarray(values, dtype=float)
         if zeta.shape != (len(self.layout.parameters),):
-            raise InputError(f"expected {len(self.layout.parameters)} parameters, got an array of shape {zeta.shape}")
+            raise InputError(
+                f"expected {len(self.layout.parameters)} parameters, got an array of shape {zeta.shape}"
+            )
         full = np.append(zeta, -1.0)
-        return np.array([np.linalg.norm(R @ full[self.layout.places(i)]) for i, R in enumerate(self.factors)])
+        return np.array(
+            [
+                np.linalg.norm(R @ full[self.layout.places(i)])
+                for i, R in enumerate(self.factors)
+            ]
+        )
 
     def moved(self, change: Floats) -> Observation:
         """The observation of y + W times a change of the parameters (n,), as if they had been so much larger."""
-        moves = (np.append(change, 1.0)[self.layout.places(i)] for i in range(len(self.factors)))
-        factors = tuple(np.column_stack([R[:, :-1], R @ move]) for R, move in zip(self.factors, moves, strict=True))
+        moves = (
+            np.append(change, 1.0)[self.layout.places(i)]
+            for i in range(len(self.factors))
+        )
+        factors = tuple(
+            np.column_stack([R[:, :-1], R @ move])
+            for R, move in zip(self.factors, moves, strict=True)
+        )
         return Observation(self.layout, factors, self.counts)
 
     # -- combining ---------------------------------------------------------------------------------------------
@@ -156,7 +194,9 @@ class Observation:
     def __add__(self, other: Observation) -> Observation:
         """The observation of both sets of samples; refuses other outputs or parameters."""
         if self.layout != other.layout:
-            raise InputError("observations of different outputs or parameters cannot be merged")
+            raise InputError(
+                "observations of different outputs or parameters cannot be merged"
+            )
         pairs = zip(self.factors, other.factors, strict=True)
         factors = tuple(upper_triangle(*pair) for pair in pairs)
         counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
@@ -187,9 +227,16 @@ class Observation:
             full[:, self.layout.places(output)] = weight * R
             rows.append(full)
         whole = upper_triangle(np.zeros((0, n + 1)), *rows)
-        used = sum(count for count, weight in zip(self.counts, w, strict=True) if weight)
+        used = sum(
+            count for count, weight in zip(self.counts, w, strict=True) if weight
+        )
         return Triangle(
-            self.layout.parameters, whole[:n, :n], whole[:n, n], float(abs(whole[n, n])), self.samples, used
+            self.layout.parameters,
+            whole[:n, :n],
+            whole[:n, n],
+            float(abs(whole[n, n])),
+            self.samples,
+            used,
         )
 
     def select(self, parameters: Sequence[int]) -> Observation:
@@ -206,13 +253,20 @@ class Observation:
             If a parameter does not exist or is given twice.
         """
         layout, places = restricted(self.layout, parameters)
-        factors = tuple(upper_triangle(R[:, columns]) for R, columns in zip(self.factors, places, strict=True))
+        factors = tuple(
+            upper_triangle(R[:, columns])
+            for R, columns in zip(self.factors, places, strict=True)
+        )
         return Observation(layout, factors, self.counts)
 
     @staticmethod
     def of(layout: Layout, factors: Sequence[Floats], samples: int) -> Observation:
         """The observation of ``samples`` samples with given triangles, whose diagonals may have any signs."""
-        return Observation(layout, tuple(positive(R) for R in factors), (samples,) * len(layout.outputs))
+        return Observation(
+            layout,
+            tuple(positive(R) for R in factors),
+            (samples,) * len(layout.outputs),
+        )
 
     def __repr__(self) -> str:
         m, n = len(self.layout.outputs), len(self.layout.parameters)
@@ -239,11 +293,15 @@ class NormalEquations:
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """The normal equations of both sets of samples; refuses other outputs or parameters."""
         if self.layout != other.layout:
-            raise InputError("normal equations of different outputs or parameters cannot be merged")
+            raise InputError(
+                "normal equations of different outputs or parameters cannot be merged"
+            )
         grams = tuple(a + b for a, b in zip(self.grams, other.grams, strict=True))
         return NormalEquations(self.layout, grams, self.samples + other.samples)
 
-    def combined(self, weights: Sequence[float] | Floats | None = None) -> tuple[Floats, Floats, float]:
+    def combined(
+        self, weights: Sequence[float] | Floats | None = None
+    ) -> tuple[Floats, Floats, float]:
         """WᵀW, Wᵀy and yᵀy of all outputs' rows together.
 
         Parameters
@@ -257,7 +315,9 @@ class NormalEquations:
         """
         n = len(self.layout.parameters)
         total = np.zeros((n + 1, n + 1))
-        for output, (gram, weight) in enumerate(zip(self.grams, checked_weights(self.layout, weights), strict=True)):
+        for output, (gram, weight) in enumerate(
+            zip(self.grams, checked_weights(self.layout, weights), strict=True)
+        ):
             places = self.layout.places(output)
             total[np.ix_(places, places)] += weight**2 * gram
         return total[:n, :n], total[:n, n], float(total[n, n])
@@ -303,7 +363,9 @@ def checked_weights(layout: Layout, weights: Sequence[float] | Floats | None) ->
     m = len(layout.outputs)
     w = np.ones(m) if weights is None else np.asarray(weights, dtype=float)
     if w.shape != (m,):
-        raise InputError(f"weights have shape {w.shape}; expected ({m},), one for each of {', '.join(layout.outputs)}")
+        raise InputError(
+            f"weights have shape {w.shape}; expected ({m},), one for each of {', '.join(layout.outputs)}"
+        )
     if not np.isfinite(w).all() or (w < 0).any():
         raise InputError("weights must be finite numbers that are not negative")
     return w

@@ -62,7 +62,9 @@ class Triangle:
     @cached_property
     def scaled_singular_values(self) -> Floats:
         """Singular values of W with columns scaled to norm 1 (zero columns stay), descending, shape (n,)."""
-        return np.asarray(np.linalg.svd(self.scaled, compute_uv=False), dtype=np.float64)
+        return np.asarray(
+            np.linalg.svd(self.scaled, compute_uv=False), dtype=np.float64
+        )
 
     @property
     def condition(self) -> float:
@@ -99,7 +101,11 @@ class Triangle:
             return f"{start}: there are only {self.rows} rows; give more samples"
         directions = np.linalg.svd(self.scaled)[2][rank:]
         weight = np.abs(directions).max(axis=0)
-        involved = [self.parameters[k] for k in np.argsort(-weight.round(9), kind="stable") if weight[k] > 1e-3]
+        involved = [
+            self.parameters[k]
+            for k in np.argsort(-weight.round(9), kind="stable")
+            if weight[k] > 1e-3
+        ]
         shown = ", ".join(involved[:_SHOWN]) + (", …" if len(involved) > _SHOWN else "")
         return f"{start}; those they leave open involve {shown}: excite them, or leave parameters out with select()"
 
@@ -129,10 +135,16 @@ def safe_norms(matrix: Floats) -> Floats:
 def upper_triangle(*parts: Floats, start: Floats | None = None) -> Floats:
     """R of a triangle, if there is one, and matrices below it, with a diagonal that is not negative."""
     n = parts[0].shape[1]
-    R = np.zeros((n, n), order="F") if start is None else np.array(start, order="F", dtype=np.float64)
+    R = (
+        np.zeros((n, n), order="F")
+        if start is None
+        else np.array(start, order="F", dtype=np.float64)
+    )
     for part in parts:
         for row in range(0, len(part), ROWS):
-            update_triangle(R, np.array(part[row : row + ROWS].T, order="C", dtype=np.float64))
+            update_triangle(
+                R, np.array(part[row : row + ROWS].T, order="C", dtype=np.float64)
+            )
     return positive(R)
 
 
@@ -146,10 +158,25 @@ def update_triangle(R: Floats, columns: Floats) -> None:
         return
     together = min(_REFLECTORS, n)
     room = np.empty(2 * together * n)
-    sizes = [ctypes.c_int(size) for size in (rows, n, 0, together, n, rows, together, 0)]
+    sizes = [
+        ctypes.c_int(size) for size in (rows, n, 0, together, n, rows, together, 0)
+    ]
     m, n_, pentagon, nb, ldr, ldb, ldt, info = (ctypes.byref(size) for size in sizes)
     t, work = room.ctypes.data, room[together * n :].ctypes.data
-    _dtpqrt()(m, n_, pentagon, nb, R.ctypes.data, ldr, columns.ctypes.data, ldb, t, ldt, work, info)
+    _dtpqrt()(
+        m,
+        n_,
+        pentagon,
+        nb,
+        R.ctypes.data,
+        ldr,
+        columns.ctypes.data,
+        ldb,
+        t,
+        ldt,
+        work,
+        info,
+    )
 
 
 @cache
@@ -159,10 +186,24 @@ def _dtpqrt() -> Callable[..., None]:
         from scipy.linalg import cython_lapack
 
     capsule, python = cython_lapack.__pyx_capi__["dtpqrt"], ctypes.pythonapi
-    name = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)(("PyCapsule_GetName", python))
-    pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(("PyCapsule_GetPointer", python))
+    name = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)(
+        ("PyCapsule_GetName", python)
+    )
+    pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
+        ("PyCapsule_GetPointer", python)
+    )
     integer, array = ctypes.c_void_p, ctypes.c_void_p
-    signature = (*[integer] * 4, array, integer, array, integer, array, integer, array, integer)
+    signature = (
+        *[integer] * 4,
+        array,
+        integer,
+        array,
+        integer,
+        array,
+        integer,
+        array,
+        integer,
+    )
     return ctypes.CFUNCTYPE(None, *signature)(pointer(capsule, name(capsule)))
 
 

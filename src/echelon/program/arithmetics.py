@@ -29,7 +29,10 @@ def ball(value: Number | float) -> Any:
     total = flint.arb(0)
     for part, radicand in zip(parts_of(value), _RADICANDS, strict=True):
         if part:
-            total += flint.arb(flint.fmpq(part.numerator, part.denominator)) * flint.arb(radicand).sqrt()
+            total += (
+                flint.arb(flint.fmpq(part.numerator, part.denominator))
+                * flint.arb(radicand).sqrt()
+            )
     return total
 
 
@@ -50,14 +53,21 @@ def twice_arc_text(half_tangent: Fraction) -> str:
 def stated_ball(text: str) -> Any:
     """The ball of a stated value, at the precision of FLINT's context."""
     if text.startswith(_TWICE[0]):
-        return 2 * ball(Fraction(text.removeprefix(_TWICE[0]).removesuffix(_TWICE[1]))).atan()
+        return (
+            2
+            * ball(
+                Fraction(text.removeprefix(_TWICE[0]).removesuffix(_TWICE[1]))
+            ).atan()
+        )
     if text.startswith(_ARC[0]):
         square = Fraction(text.removeprefix(_ARC[0]).removesuffix(_ARC[1]))
         return flint.arb(flint.fmpq(square.numerator, square.denominator)).sqrt().atan()
     return parse(text).evaluate(pi_generators(flint.arb.pi()), ball)
 
 
-_METHODS: dict[Op, Callable[[Any], Any]] = {op: methodcaller(op.name.lower()) for op in FUNCTIONS}
+_METHODS: dict[Op, Callable[[Any], Any]] = {
+    op: methodcaller(op.name.lower()) for op in FUNCTIONS
+}
 _METHODS |= {Op.NEG: neg, Op.ABS: abs, Op.SIGN: methodcaller("sgn")}
 _UNARY = {op: np.frompyfunc(function, 1, 1) for op, function in _METHODS.items()}
 

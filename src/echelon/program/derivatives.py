@@ -14,11 +14,17 @@ from fractions import Fraction
 from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
 
-Partials = list[tuple[int, Scalar]]  # operands of a node, and the derivative of the node by each of them
+Partials = list[
+    tuple[int, Scalar]
+]  # operands of a node, and the derivative of the node by each of them
 
 
 def derivatives(
-    program: Program, outputs: Sequence[int], inputs: Sequence[int], *, reverse: bool = False
+    program: Program,
+    outputs: Sequence[int],
+    inputs: Sequence[int],
+    *,
+    reverse: bool = False,
 ) -> dict[tuple[int, int], int]:
     """Record the derivative of every output by every input.
 
@@ -36,26 +42,42 @@ def derivatives(
     if reverse:
         for i, output in enumerate(outputs):
             adjoints = _pulled(recorded, order, output)
-            found |= {(i, j): adjoints[node].node for j, node in enumerate(inputs) if node in adjoints}
+            found |= {
+                (i, j): adjoints[node].node
+                for j, node in enumerate(inputs)
+                if node in adjoints
+            }
     else:
         for j, node in enumerate(inputs):
             tangents = _pushed(recorded, order, {node: program.one})
-            found |= {(i, j): tangents[output].node for i, output in enumerate(outputs) if output in tangents}
-    return {key: node for key, node in sorted(found.items()) if node != program.zero.node}
+            found |= {
+                (i, j): tangents[output].node
+                for i, output in enumerate(outputs)
+                if output in tangents
+            }
+    return {
+        key: node for key, node in sorted(found.items()) if node != program.zero.node
+    }
 
 
-def rates(program: Program, outputs: Sequence[int], seeds: Mapping[int, Scalar]) -> list[Scalar]:
+def rates(
+    program: Program, outputs: Sequence[int], seeds: Mapping[int, Scalar]
+) -> list[Scalar]:
     """Record how fast outputs change while inputs change at given rates."""
     varying = dependent(program, program.needed(outputs, seeds), list(seeds))
     tangents = _pushed(_Partials(program, varying), sorted(varying), seeds)
     return [tangents.get(node, program.zero) for node in outputs]
 
 
-def dependent(program: Program, needed: Sequence[int], inputs: Sequence[int]) -> set[int]:
+def dependent(
+    program: Program, needed: Sequence[int], inputs: Sequence[int]
+) -> set[int]:
     """The inputs, and those of the needed nodes, given in order, that depend on them."""
     found = set(inputs)
     for node in needed:
-        if program.ops[node] > Op.CONSTANT and (program.lhs[node] in found or program.rhs[node] in found):
+        if program.ops[node] > Op.CONSTANT and (
+            program.lhs[node] in found or program.rhs[node] in found
+        ):
             found.add(node)
     return found
 
@@ -69,17 +91,27 @@ class _Partials:
 
     def __getitem__(self, node: int) -> Partials:
         if node not in self._known:
-            self._known[node] = [(n, d) for n, d in local_partials(self.program, node) if n in self.varying]
+            self._known[node] = [
+                (n, d)
+                for n, d in local_partials(self.program, node)
+                if n in self.varying
+            ]
         return self._known[node]
 
 
-def _pushed(partials: _Partials, order: Sequence[int], seeds: Mapping[int, Scalar]) -> dict[int, Scalar]:
+def _pushed(
+    partials: _Partials, order: Sequence[int], seeds: Mapping[int, Scalar]
+) -> dict[int, Scalar]:
     """Rates of all nodes from those of some."""
     tangents, first = dict(seeds), min(seeds)
     for node in order:
         if node <= first or node in seeds:
             continue
-        terms = [d * tangents[operand] for operand, d in partials[node] if operand in tangents]
+        terms = [
+            d * tangents[operand]
+            for operand, d in partials[node]
+            if operand in tangents
+        ]
         if terms:
             total = sum(terms[1:], terms[0])
             if not total.is_zero:
@@ -95,7 +127,9 @@ def _pulled(partials: _Partials, order: Sequence[int], end: int) -> dict[int, Sc
             continue
         for operand, d in partials[node]:
             term = d * adjoints[node]
-            adjoints[operand] = adjoints[operand] + term if operand in adjoints else term
+            adjoints[operand] = (
+                adjoints[operand] + term if operand in adjoints else term
+            )
     return adjoints
 
 

@@ -48,7 +48,10 @@ _TRIES = 24
 """Random changes of inputs by factors of up to 16, for each such argument, by which it is made moderate."""
 _POOL = 64
 """States that are drawn at once, which takes little longer than one."""
-_ENDED = {EXHAUSTED: "no change of one sign led to another", BUDGET: "the search ended by its budget"}
+_ENDED = {
+    EXHAUSTED: "no change of one sign led to another",
+    BUDGET: "the search ended by its budget",
+}
 
 
 States = Mapping[int, Floats]
@@ -63,7 +66,9 @@ class RegionReport:
     # ``"complete"`` if no other region can add anything, ``"exhausted"`` if no change of one sign led to another that
     # does, ``"budget"`` if the search was cut short
     ended: str
-    remarks: tuple[str, ...] = ()  # signs of which only one side is known, and constants that were given a value
+    remarks: tuple[
+        str, ...
+    ] = ()  # signs of which only one side is known, and constants that were given a value
 
     @property
     def unseen(self) -> str:
@@ -98,16 +103,32 @@ class RealPoints:
         At first use, if no point is found in the domain.
     """
 
-    def __init__(self, program: Program, outputs: Sequence[int], stated: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        program: Program,
+        outputs: Sequence[int],
+        stated: Mapping[str, str] | None = None,
+    ) -> None:
         program, self._places = without_absolutes(program, outputs)
         outputs = [self._places[n] for n in outputs]
         self.program, self.outputs, self._stated = program, outputs, stated or {}
         needed = [n for n in program.needed(outputs) if program.ops[n] == Op.INPUT]
-        whole = (n for group in program.unit_groups if not set(group).isdisjoint(needed) for n in group)
+        whole = (
+            n
+            for group in program.unit_groups
+            if not set(group).isdisjoint(needed)
+            for n in group
+        )
         self._inputs = list(dict.fromkeys((*needed, *whole)))
         self._surfaces = find_surfaces(program, outputs)
         self._signs = [n for n in program.needed(outputs) if program.ops[n] == Op.SIGN]
-        self._steep = sorted({program.lhs[n] for n in program.needed(outputs) if program.ops[n] in (Op.EXP, Op.TANH)})
+        self._steep = sorted(
+            {
+                program.lhs[n]
+                for n in program.needed(outputs)
+                if program.ops[n] in (Op.EXP, Op.TANH)
+            }
+        )
         self._jumps = any(program.ops[n] == Op.ATAN for n in program.needed(outputs))
         self._known: States = {}
         self._rng = random_generator(DEFAULT_SEED)
@@ -149,7 +170,9 @@ class RealPoints:
     @cached_property
     def report(self) -> RegionReport:
         """What was visited."""
-        return RegionReport(self.count, self._found[0].ended, (*self._one_sided(), *self._unstated()))
+        return RegionReport(
+            self.count, self._found[0].ended, (*self._one_sided(), *self._unstated())
+        )
 
     # -- regions -----------------------------------------------------------------------------------------------------
 
@@ -161,27 +184,47 @@ class RealPoints:
             values = self._drawn_values(attempt)
             if values == previous:
                 break
-            numbers = {n: _number(values[g.name]) for n in self._inputs if (g := self.program.inputs[n]).name in values}
-            search, previous = RegionSearch(RealValues(self._surfaces, numbers), random_generator(DEFAULT_SEED)), values
+            numbers = {
+                n: _number(values[g.name])
+                for n in self._inputs
+                if (g := self.program.inputs[n]).name in values
+            }
+            search, previous = (
+                RegionSearch(
+                    RealValues(self._surfaces, numbers), random_generator(DEFAULT_SEED)
+                ),
+                values,
+            )
             if search.regions:
                 search.run()
                 return search, values
-        raise InputError("no real point was found at which all logarithms and square roots of the model are real")
+        raise InputError(
+            "no real point was found at which all logarithms and square roots of the model are real"
+        )
 
     def _drawn_values(self, attempt: int) -> dict[str, str]:
         """Stated values, and values that only the name and the attempt decide."""
         found = dict[str, str]()
         for given in (self.program.inputs[n] for n in self._inputs):
             if given.role == "symbol":
-                drawn = random_generator(crc32(given.name.encode()) + attempt).standard_normal()
+                drawn = random_generator(
+                    crc32(given.name.encode()) + attempt
+                ).standard_normal()
                 numerator = 1 + int(_FINENESS * np.exp(_SPREAD * drawn))
-                found[given.name] = self._stated.get(given.name, str(Fraction(numerator, _FINENESS)))
+                found[given.name] = self._stated.get(
+                    given.name, str(Fraction(numerator, _FINENESS))
+                )
         return found
 
     def signs(self, states: int) -> dict[int, SignArray]:
         """Values of signs, by node, at states of all regions in turn."""
-        regions, place = self._found[0].regions, {n: k for k, n in enumerate(self._surfaces.nodes)}
-        table = np.stack([regions[k % len(regions)].signs for k in range(states)], axis=1)
+        regions, place = (
+            self._found[0].regions,
+            {n: k for k, n in enumerate(self._surfaces.nodes)},
+        )
+        table = np.stack(
+            [regions[k % len(regions)].signs for k in range(states)], axis=1
+        )
         return {n: table[place[self.program.lhs[n]]] for n in self._signs}
 
     def schedule(self, nodes: Sequence[int]) -> Schedule:
@@ -196,7 +239,10 @@ class RealPoints:
             more = self.draw(self._rng, self.count * max(1, _POOL // self.count))
             if not more:
                 return {}
-            self._known = {n: np.concatenate([self._known.get(n, x[:0]), x]) for n, x in more.items()}
+            self._known = {
+                n: np.concatenate([self._known.get(n, x[:0]), x])
+                for n, x in more.items()
+            }
         return {n: x[first : first + count] for n, x in self._known.items()}
 
     def draw(self, rng: np.random.Generator, states: int) -> States:
@@ -205,29 +251,55 @@ class RealPoints:
         turns = [search.regions[k % self.count] for k in range(states)]
         wide = rng.random(states) < 0.5 * self._jumps
         near = [
-            r.points[int(rng.integers(len(r.points) if w else min(_TAME, len(r.points))))]
+            r.points[
+                int(rng.integers(len(r.points) if w else min(_TAME, len(r.points))))
+            ]
             for r, w in zip(turns, wide, strict=True)
         ]
-        inputs = {n: _random_numbers(rng, states) for n in self._inputs if n not in self._constants}
-        inputs |= dict(zip(search.values.variables, np.stack(near, axis=1), strict=True))
+        inputs = {
+            n: _random_numbers(rng, states)
+            for n in self._inputs
+            if n not in self._constants
+        }
+        inputs |= dict(
+            zip(search.values.variables, np.stack(near, axis=1), strict=True)
+        )
         signs = {n: x.astype(np.float64) for n, x in self.signs(states).items()}
-        kept = {n: np.array([r.signs[k] for r in turns]) for k, n in enumerate(self._surfaces.nodes) if n in self._kept}
+        kept = {
+            n: np.array([r.signs[k] for r in turns])
+            for k, n in enumerate(self._surfaces.nodes)
+            if n in self._kept
+        }
         return {**self._walked(rng, inputs, signs, kept), **signs}
 
     @cached_property
     def _kept(self) -> list[int]:
         """Surfaces that states do not cross."""
         surfaces = self._surfaces
-        crossed = surfaces.signs | self._found[0].zero if surfaces.entire else self._found[0].zero
+        crossed = (
+            surfaces.signs | self._found[0].zero
+            if surfaces.entire
+            else self._found[0].zero
+        )
         return [n for n in surfaces.nodes if n not in crossed]
 
     @cached_property
     def _constants(self) -> dict[int, float]:
         """Values of the symbols in doubles."""
         inputs = self.program.inputs
-        return {n: float(_number(self.values[inputs[n].name])) for n in self._inputs if inputs[n].role == "symbol"}
+        return {
+            n: float(_number(self.values[inputs[n].name]))
+            for n in self._inputs
+            if inputs[n].role == "symbol"
+        }
 
-    def _walked(self, rng: np.random.Generator, inputs: States, signs: States, kept: Mapping[int, SignArray]) -> States:
+    def _walked(
+        self,
+        rng: np.random.Generator,
+        inputs: States,
+        signs: States,
+        kept: Mapping[int, SignArray],
+    ) -> States:
         """Points on the same side of some surfaces, at random places where arguments of exp and tanh are moderate."""
         if not inputs:
             return {}
@@ -238,16 +310,28 @@ class RealPoints:
 
         def excess(table: Floats) -> tuple[Floats, Floats]:
             """How far arguments are beyond the moderate, (arguments, states), and in all; infinite outside."""
-            leaves = {**constants, **signs, **self._normal(dict(zip(nodes, table, strict=True)))}
+            leaves = {
+                **constants,
+                **signs,
+                **self._normal(dict(zip(nodes, table, strict=True))),
+            }
             with np.errstate(all="ignore"):
                 found = schedule.run(FloatArithmetic(), leaves, count)
             first, last = len(positive), len(positive) + len(kept)
-            inside = (found[:first] > 0).all(axis=0) & (np.sign(found[first:last]) == sides).all(axis=0)
-            sizes = np.log(np.maximum(np.nan_to_num(np.abs(found[last:]), nan=np.inf) / _STEEP, 1.0))
+            inside = (found[:first] > 0).all(axis=0) & (
+                np.sign(found[first:last]) == sides
+            ).all(axis=0)
+            sizes = np.log(
+                np.maximum(
+                    np.nan_to_num(np.abs(found[last:]), nan=np.inf) / _STEEP, 1.0
+                )
+            )
             return sizes, np.where(inside, sizes.sum(axis=0), np.inf)
 
         table = np.stack([inputs[n] for n in nodes])
-        directions = np.where(table == 0, 1.0, np.abs(table)) * rng.standard_normal(table.shape)
+        directions = np.where(table == 0, 1.0, np.abs(table)) * rng.standard_normal(
+            table.shape
+        )
         sizes, cost = excess(table)
         for size in _MOVES:
             tried = table + size * directions
@@ -258,17 +342,27 @@ class RealPoints:
                 np.where(inside, found, sizes),
                 np.where(inside, total, cost),
             )
-        cones = [[k for k, n in enumerate(nodes) if n in self.program.needed([steep])] for steep in self._steep]
+        cones = [
+            [k for k, n in enumerate(nodes) if n in self.program.needed([steep])]
+            for steep in self._steep
+        ]
         for _ in range(_TRIES * len(cones)):
             if not cost.any():
                 break
             worst = [cones[k] or [0] for k in np.argmax(sizes, axis=0)]
-            moved = [cone[int(k * len(cone))] for cone, k in zip(worst, rng.random(count), strict=True)]
+            moved = [
+                cone[int(k * len(cone))]
+                for cone, k in zip(worst, rng.random(count), strict=True)
+            ]
             tried = table.copy()
             tried[moved, np.arange(count)] *= 2.0 ** rng.integers(-4, 5, count)
             found, total = excess(tried)
             better = total < cost
-            table, sizes, cost = np.where(better, tried, table), np.where(better, found, sizes), np.minimum(total, cost)
+            table, sizes, cost = (
+                np.where(better, tried, table),
+                np.where(better, found, sizes),
+                np.minimum(total, cost),
+            )
         return self._normal(dict(zip(nodes, table, strict=True)))
 
     def _normal(self, states: States) -> States:
@@ -279,16 +373,26 @@ class RealPoints:
                 states = {**states, **{n: states[n] / length for n in group}}
         return states
 
-    def leaves(self, nodes: Iterable[int], states: States, at: Sequence[Mapping[str, str]]) -> dict[int, Balls]:
+    def leaves(
+        self, nodes: Iterable[int], states: States, at: Sequence[Mapping[str, str]]
+    ) -> dict[int, Balls]:
         """Balls of inputs and signs at some states, at each of some values of the symbols, of shape (at · states,).
 
         Symbols have :attr:`values` where no others are given.
         """
         inputs = self.program.inputs
-        balls = {n: np.array([ball(float(x)) for x in values], dtype=object) for n, values in states.items()}
+        balls = {
+            n: np.array([ball(float(x)) for x in values], dtype=object)
+            for n, values in states.items()
+        }
         for group in self.program.unit_groups:
             if not balls.keys().isdisjoint(group):
-                length = np.array([x.sqrt() for x in np.sum([balls[n] * balls[n] for n in group], axis=0)])
+                length = np.array(
+                    [
+                        x.sqrt()
+                        for x in np.sum([balls[n] * balls[n] for n in group], axis=0)
+                    ]
+                )
                 balls |= {n: balls[n] / length for n in group}
         found = dict[int, Balls]()
         for node in nodes:
@@ -296,8 +400,12 @@ class RealPoints:
                 found[node] = np.tile(balls[node], len(at))
             else:
                 name = inputs[node].name
-                values = [stated_ball(given.get(name) or self.values[name]) for given in at]
-                found[node] = np.repeat(np.array(values, dtype=object), count_of(states))
+                values = [
+                    stated_ball(given.get(name) or self.values[name]) for given in at
+                ]
+                found[node] = np.repeat(
+                    np.array(values, dtype=object), count_of(states)
+                )
         return found
 
     # -- remarks -----------------------------------------------------------------------------------------------------
@@ -311,16 +419,28 @@ class RealPoints:
             seen = {int(r.signs[k]) for r in search.regions}
             if n in signs and len(seen) == 1:
                 sign = seen.pop()
-                known = "everywhere" if n in search.constant else "" if sign else "as far as 512 bits tell"
+                known = (
+                    "everywhere"
+                    if n in search.constant
+                    else ""
+                    if sign
+                    else "as far as 512 bits tell"
+                )
                 remarks.append(_one_side(self.program, n, sign, known))
         return remarks
 
     def _unstated(self) -> list[str]:
         """Constants without a value that a surface depends on."""
         shown = [
-            f"{name} = {float(_number(self.values[name])):.3g}" for name in self.constants if name not in self._stated
+            f"{name} = {float(_number(self.values[name])):.3g}"
+            for name in self.constants
+            if name not in self._stated
         ]
-        return [f"regions as for {', '.join(shown)}, which have no stated value"] if shown else []
+        return (
+            [f"regions as for {', '.join(shown)}, which have no stated value"]
+            if shown
+            else []
+        )
 
 
 def _random_numbers(rng: np.random.Generator, count: int) -> Floats:

@@ -27,7 +27,9 @@ class Argument:
     """One vector argument."""
 
     name: str  # identifier, ``"q"``
-    nodes: tuple[int, ...]  # input nodes of the program, in the order of the vector's entries
+    nodes: tuple[
+        int, ...
+    ]  # input nodes of the program, in the order of the vector's entries
     labels: tuple[str, ...]  # what each entry is, ``"joint1"``
     units: tuple[str, ...]  # SI unit of each entry
     meaning: str = ""  # for documentation
@@ -52,19 +54,29 @@ class Function:
 
     name: str  # identifier, ``"inverse_dynamics"``
     program: Program
-    arguments: tuple[Argument, ...]  # every input that the result depends on is in one of them
-    entries: Mapping[tuple[int, ...], int]  # node of every entry of the result that is not structurally zero
+    arguments: tuple[
+        Argument, ...
+    ]  # every input that the result depends on is in one of them
+    entries: Mapping[
+        tuple[int, ...], int
+    ]  # node of every entry of the result that is not structurally zero
     # what the indices of the result count, one tuple of labels per axis: outputs, parameters, coordinates
     axes: tuple[tuple[str, ...], ...]
-    units: tuple[str, ...] = ()  # SI unit along the first axis of the result (empty where it does not apply)
+    units: tuple[
+        str, ...
+    ] = ()  # SI unit along the first axis of the result (empty where it does not apply)
     meaning: str = ""  # for documentation
 
     def __post_init__(self) -> None:
         known = {node for argument in self.arguments for node in argument.nodes}
-        missing = [n for n in self.needed if self.program.ops[n] == Op.INPUT and n not in known]
+        missing = [
+            n for n in self.needed if self.program.ops[n] == Op.INPUT and n not in known
+        ]
         if missing:
             names = ", ".join(self.program.inputs[n].name for n in missing)
-            raise EchelonError(f"function '{self.name}' has no argument that holds {names}")
+            raise EchelonError(
+                f"function '{self.name}' has no argument that holds {names}"
+            )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -84,8 +96,17 @@ class Function:
     @cached_property
     def varying(self) -> frozenset[int]:
         """Needed nodes that change from sample to sample; the others depend on uniform arguments and constants only."""
-        uniform = {node for argument in self.arguments if argument.uniform for node in argument.nodes}
-        inputs = [n for n in self.needed if self.program.ops[n] == Op.INPUT and n not in uniform]
+        uniform = {
+            node
+            for argument in self.arguments
+            if argument.uniform
+            for node in argument.nodes
+        }
+        inputs = [
+            n
+            for n in self.needed
+            if self.program.ops[n] == Op.INPUT and n not in uniform
+        ]
         return frozenset(dependent(self.program, self.needed, inputs))
 
     def operations(self) -> dict[str, int]:
@@ -112,7 +133,9 @@ def operands(program: Program, node: int) -> tuple[int, ...]:
 
 
 def depth_first(
-    outputs: Iterable[int], inner: Callable[[int], Sequence[int]], done: set[int] | None = None
+    outputs: Iterable[int],
+    inner: Callable[[int], Sequence[int]],
+    done: set[int] | None = None,
 ) -> Iterator[int]:
     """Nodes in the order in which a walk from the outputs completes them.
 
@@ -137,13 +160,20 @@ def depth_first(
 
 def cut(items: Sequence[T], longest: int) -> tuple[tuple[T, ...], ...]:
     """Parts of at most ``longest`` items."""
-    return tuple(tuple(items[start : start + longest]) for start in range(0, len(items), longest))
+    return tuple(
+        tuple(items[start : start + longest]) for start in range(0, len(items), longest)
+    )
 
 
-def waiting_places(made: Sequence[Iterable[int]], used: Sequence[Collection[int]]) -> dict[int, int]:
+def waiting_places(
+    made: Sequence[Iterable[int]], used: Sequence[Collection[int]]
+) -> dict[int, int]:
     """Places in memory for the nodes that are made in one part and used in a later one."""
     home = {node: number for number, part in enumerate(made) for node in part}
     crossing = dict.fromkeys(
-        node for number, part in enumerate(used) for node in part if home.get(node, number) < number
+        node
+        for number, part in enumerate(used)
+        for node in part
+        if home.get(node, number) < number
     )
     return {node: place for place, node in enumerate(crossing)}

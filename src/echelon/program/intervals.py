@@ -25,7 +25,9 @@ _LARGEST = np.finfo(float).max
 _MONOTONIC = {Op.EXP: np.exp, Op.TANH: np.tanh, Op.ATAN: np.arctan, Op.SIGN: np.sign}
 
 
-def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[int, Interval]) -> list[Interval]:
+def interval_values(
+    program: Program, outputs: Sequence[int], inputs: Mapping[int, Interval]
+) -> list[Interval]:
     """Bounds of outputs.
 
     >>> program = Program()
@@ -41,7 +43,9 @@ def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[in
             if node in inputs:
                 found[node] = inputs[node]
             elif op is Op.INPUT:
-                raise InputError(f"the range of '{program.inputs[node].name}' is missing")
+                raise InputError(
+                    f"the range of '{program.inputs[node].name}' is missing"
+                )
             elif op is Op.CONSTANT:
                 value = np.asarray(float(program.constants[node]))
                 found[node] = _widened(value, value)
@@ -50,7 +54,9 @@ def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[in
     return [found[node] for node in outputs]
 
 
-def _operation(program: Program, op: Op, node: int, found: Mapping[int, Interval]) -> Interval:
+def _operation(
+    program: Program, op: Op, node: int, found: Mapping[int, Interval]
+) -> Interval:
     a = found[program.lhs[node]]
     if op is Op.NEG:
         return -a[1], -a[0]
@@ -71,12 +77,19 @@ def _function(op: Op, a: Interval) -> Interval:
     if op in _MONOTONIC:
         return _widened(_MONOTONIC[op](low), _MONOTONIC[op](high))
     if op is Op.ABS:
-        least = np.where((low <= 0) & (high >= 0), 0.0, np.minimum(np.abs(low), np.abs(high)))
+        least = np.where(
+            (low <= 0) & (high >= 0), 0.0, np.minimum(np.abs(low), np.abs(high))
+        )
         return least, np.maximum(np.abs(low), np.abs(high))
     if op is Op.COS:
         return _wave(np.cos(low), np.cos(high), low / (2 * np.pi), high / (2 * np.pi))
     if op is Op.SIN:
-        return _wave(np.sin(low), np.sin(high), low / (2 * np.pi) - 0.25, high / (2 * np.pi) - 0.25)
+        return _wave(
+            np.sin(low),
+            np.sin(high),
+            low / (2 * np.pi) - 0.25,
+            high / (2 * np.pi) - 0.25,
+        )
     function, bad = _PARTIAL[op](low, high)
     least, largest = _widened(function(low), function(high))
     return np.where(bad, -np.inf, least), np.where(bad, np.inf, largest)
@@ -87,7 +100,8 @@ _PARTIAL: Mapping[Op, Callable[[Floats, Floats], tuple[Any, npt.NDArray[np.bool_
     Op.SQRT: lambda low, _: (np.sqrt, low < 0),
     Op.TAN: lambda low, high: (
         np.tan,
-        ~(np.floor(low / np.pi - 0.5 - _SLACK) == np.floor(high / np.pi - 0.5 + _SLACK)) | ~np.isfinite(high - low),
+        ~(np.floor(low / np.pi - 0.5 - _SLACK) == np.floor(high / np.pi - 0.5 + _SLACK))
+        | ~np.isfinite(high - low),
     ),
 }
 """Functions without a value somewhere, and whether they may meet such a place."""
@@ -97,8 +111,13 @@ def _wave(first: Floats, last: Floats, start: Floats, end: Floats) -> Interval:
     """Bounds of a cosine, given at the ends, over some turns: 1 at every whole turn, −1 at every half."""
     top = ~(np.floor(end + _SLACK) < np.ceil(start - _SLACK))
     bottom = ~(np.floor(end - 0.5 + _SLACK) < np.ceil(start - 0.5 - _SLACK))
-    least, largest = np.minimum(first, last) - _ROUNDING, np.maximum(first, last) + _ROUNDING
-    return np.where(bottom, -1.0, np.maximum(least, -1.0)), np.where(top, 1.0, np.minimum(largest, 1.0))
+    least, largest = (
+        np.minimum(first, last) - _ROUNDING,
+        np.maximum(first, last) + _ROUNDING,
+    )
+    return np.where(bottom, -1.0, np.maximum(least, -1.0)), np.where(
+        top, 1.0, np.minimum(largest, 1.0)
+    )
 
 
 def _product(a: Interval, b: Interval) -> Interval:
@@ -107,7 +126,9 @@ def _product(a: Interval, b: Interval) -> Interval:
     if np.isnan(low).any():  # 0 · ∞: the other products say what is unbounded
         ends = [np.where(np.isnan(end), 0.0, end) for end in ends]
         low = np.minimum(np.minimum(ends[0], ends[1]), np.minimum(ends[2], ends[3]))
-    return _widened(low, np.maximum(np.maximum(ends[0], ends[1]), np.maximum(ends[2], ends[3])))
+    return _widened(
+        low, np.maximum(np.maximum(ends[0], ends[1]), np.maximum(ends[2], ends[3]))
+    )
 
 
 def _square(a: Interval) -> Interval:

@@ -28,16 +28,27 @@ class LeastSquares:
     """
 
     def __init__(
-        self, program: Program, columns: Mapping[str, Column], weights: Mapping[int, Number] | None = None
+        self,
+        program: Program,
+        columns: Mapping[str, Column],
+        weights: Mapping[int, Number] | None = None,
     ) -> None:
         self._program, self._weights = program, weights or {}
         self._orthogonal: dict[str, Column] = {}
         self._inverse: dict[str, Scalar] = {}
-        self._upper: dict[str, dict[str, Scalar]] = {}  # by row of R, right of the diagonal
+        self._upper: dict[
+            str, dict[str, Scalar]
+        ] = {}  # by row of R, right of the diagonal
         self.pivots: dict[str, Scalar] = {}
         left = dict(columns)
         while left:
-            name = min(left, key=lambda n: len(left[n]) * sum(1 for other in left.values() if left[n].keys() & other))
+            name = min(
+                left,
+                key=lambda n: (
+                    len(left[n])
+                    * sum(1 for other in left.values() if left[n].keys() & other)
+                ),
+            )
             column = left.pop(name)
             square = self._dot(column, column)
             self.pivots[name] = square / self._dot(columns[name], columns[name])
@@ -75,7 +86,10 @@ class LeastSquares:
         """How much of a linear form in y is the same for all y with Aᵀ y = c: its square's share in the span of A."""
         form = {k: entry / self._weights.get(k, 1) for k, entry in row.items()}
         parts = (self._dot(column, form) for column in self._orthogonal.values())
-        inside = sum((p * p * i for p, i in zip(parts, self._inverse.values(), strict=True)), self._program.zero)
+        inside = sum(
+            (p * p * i for p, i in zip(parts, self._inverse.values(), strict=True)),
+            self._program.zero,
+        )
         return inside / self._dot(form, form) if form else self._program.one
 
     def inverse_square(self, units: Mapping[str, Number]) -> Scalar:
@@ -84,11 +98,17 @@ class LeastSquares:
         for name, inverse in self._inverse.items():
             column = {name: self._program.one}  # of the inverse of R
             for other in reversed(before):
-                terms = [share * column[n] for n, share in self._upper[other].items() if n in column]
+                terms = [
+                    share * column[n]
+                    for n, share in self._upper[other].items()
+                    if n in column
+                ]
                 if terms:
                     column[other] = -sum(terms, self._program.zero)
             sizes = ((value / units.get(n, 1)) for n, value in column.items())
-            total = total + inverse * sum((size * size for size in sizes), self._program.zero)
+            total = total + inverse * sum(
+                (size * size for size in sizes), self._program.zero
+            )
             before.append(name)
         return total
 
@@ -108,4 +128,6 @@ class LeastSquares:
         for row in (row for row in a if row in b):
             weight, term = self._weights.get(row, 1), a[row] * b[row]
             sums[weight] = sums[weight] + term if weight in sums else term
-        return sum((total * weight for weight, total in sums.items()), self._program.zero)
+        return sum(
+            (total * weight for weight, total in sums.items()), self._program.zero
+        )

@@ -30,7 +30,9 @@ class Op(IntEnum):
     ATAN = 16
 
 
-FUNCTIONS = tuple(op for op in Op if op >= Op.SIN)  # the unary functions other than negation
+FUNCTIONS = tuple(
+    op for op in Op if op >= Op.SIN
+)  # the unary functions other than negation
 
 
 def folded(op: Op, value: Number) -> Number | None:

@@ -62,10 +62,14 @@ class RegionSearch:
         self._known: dict[bytes, Region] = {}
         self._failed: dict[tuple[int, bytes], int] = {}
         self._tries = 0
-        self._weights = rng.integers(-(2**62), 2**62, len(self.surfaces.nodes))  # tell sign vectors apart
+        self._weights = rng.integers(
+            -(2**62), 2**62, len(self.surfaces.nodes)
+        )  # tell sign vectors apart
         start = self._start()
         self.zero = values.vanishing(start[:, :4])
-        self.constant = {n: s for n, s in values.one_sided().items() if n not in self.zero}
+        self.constant = {
+            n: s for n, s in values.one_sided().items() if n not in self.zero
+        }
         self._fixed = {**dict.fromkeys(self.zero, 0), **self.constant}
         row = {n: k for k, n in enumerate(self.surfaces.nodes)}
         self._open = [row[n] for n in self.surfaces.nodes if n not in self._fixed]
@@ -75,7 +79,9 @@ class RegionSearch:
             self._independent = IndependentRegions(None)
         else:
             known = relations(products, impossible(self.surfaces, values.constants))
-            self._independent = IndependentRegions([tuple((row[n], e) for n, e in p) for p in products], known)
+            self._independent = IndependentRegions(
+                [tuple((row[n], e) for n, e in p) for p in products], known
+            )
         self._visit(start)
 
     def run(self) -> None:
@@ -94,17 +100,26 @@ class RegionSearch:
 
     def _start(self) -> Floats:
         """Random points in the domain; where chance finds none, by descent."""
-        points = self.values.normal(random_points(self.rng, len(self.values.variables), _RANDOM))
+        points = self.values.normal(
+            random_points(self.rng, len(self.values.variables), _RANDOM)
+        )
         inside = points[:, self.values.in_domain(self.values.at(points))]
         if not inside.shape[1] and len(points):
             points = points[:, :_STRAY]
-            moved = descended(self.values, points, np.zeros((len(self.surfaces.nodes), points.shape[1])), self.rng)
+            moved = descended(
+                self.values,
+                points,
+                np.zeros((len(self.surfaces.nodes), points.shape[1])),
+                self.rng,
+            )
             inside = moved[:, self.values.in_domain(self.values.at(moved))]
         return inside
 
     def _multiplied_with(self, node: int) -> list[int]:
         """Rows of the surfaces whose signs are multiplied with that of one."""
-        together = {n for product in self.surfaces.maximal if node in product for n in product}
+        together = {
+            n for product in self.surfaces.maximal if node in product for n in product
+        }
         return [k for k, n in enumerate(self.surfaces.nodes) if n in together]
 
     # -- regions -----------------------------------------------------------------------------------------------------
@@ -139,7 +154,11 @@ class RegionSearch:
         """Sort points by region; those of order one come first, because functions are tame there."""
         if not points.shape[1]:
             return
-        _, first, which = np.unique(self._weights @ signs.astype(np.int64), return_index=True, return_inverse=True)
+        _, first, which = np.unique(
+            self._weights @ signs.astype(np.int64),
+            return_index=True,
+            return_inverse=True,
+        )
         kinds, which = signs[:, first], which.reshape(-1)
         decades = np.abs(np.log10(np.abs(points) + _TINY)).max(axis=0, initial=0.0)
         members: list[list[int]] = [[] for _ in range(kinds.shape[1])]
@@ -152,7 +171,10 @@ class RegionSearch:
             if region is None:
                 new.append(k)
             else:
-                region.points += [points[:, m].copy() for m in members[k][: _POOL - len(region.points)]]
+                region.points += [
+                    points[:, m].copy()
+                    for m in members[k][: _POOL - len(region.points)]
+                ]
         self._include(kinds[:, new], [points[:, members[k]] for k in new])
 
     def _include(self, kinds: SignArray, points: list[Floats]) -> None:
@@ -160,9 +182,13 @@ class RegionSearch:
 
         def exists(k: int) -> bool:
             own = list(points[k].T.copy())
-            for point in own[:_POINTS_TRIED] if len(self.regions) < _MOST_REGIONS else []:
+            for point in (
+                own[:_POINTS_TRIED] if len(self.regions) < _MOST_REGIONS else []
+            ):
                 if self._is_certain(point, kinds[:, k]):
-                    region = Region(kinds[:, k].copy(), [point, *(p for p in own if p is not point)])
+                    region = Region(
+                        kinds[:, k].copy(), [point, *(p for p in own if p is not point)]
+                    )
                     self.regions.append(region)
                     self._known[kinds[:, k].tobytes()] = region
                     return True
@@ -174,9 +200,15 @@ class RegionSearch:
         """Whether a point surely has these signs; and points around it, where one of them is zero."""
         around = [point]
         if (signs[self._open] == 0).any():
-            around += [point + e * (np.abs(point) + e) * self.rng.standard_normal(len(point)) for e in _AROUND]
+            around += [
+                point + e * (np.abs(point) + e) * self.rng.standard_normal(len(point))
+                for e in _AROUND
+            ]
         found = [self.values.certain(p, frozenset(self._fixed)) for p in around]
-        same = [s is not None and bool((s[self._open] == signs[self._open]).all()) for s in found]
+        same = [
+            s is not None and bool((s[self._open] == signs[self._open]).all())
+            for s in found
+        ]
         return same[0] and (len(same) == 1 or any(same[1:]))
 
     # -- moves -------------------------------------------------------------------------------------------------------
@@ -189,8 +221,13 @@ class RegionSearch:
             part = pairs[start : start + _CHUNK]
             changed = np.stack([r.signs for r, _ in part], axis=1)
             rows = [k for _, k in part]
-            changed[rows, np.arange(len(part))] = [-s if s else 1 for s in changed[rows, np.arange(len(part))]]
-            adds = np.array([changed[:, m].tobytes() not in self._known for m in range(len(part))], dtype=bool)
+            changed[rows, np.arange(len(part))] = [
+                -s if s else 1 for s in changed[rows, np.arange(len(part))]
+            ]
+            adds = np.array(
+                [changed[:, m].tobytes() not in self._known for m in range(len(part))],
+                dtype=bool,
+            )
             adds &= self._independent.adds(changed)
             found += [(*part[m], changed[:, m]) for m in np.flatnonzero(adds)]
         return found
@@ -208,10 +245,20 @@ class RegionSearch:
         self._tries += len(batch)
         starts, wanted = [], []
         for region, signs in batch:
-            others = [self.regions[int(self.rng.integers(len(self.regions)))] for _ in range(_STARTS - 1)]
+            others = [
+                self.regions[int(self.rng.integers(len(self.regions)))]
+                for _ in range(_STARTS - 1)
+            ]
             for r in (region, *others):
                 starts.append(r.points[int(self.rng.integers(len(r.points)))])
-                wanted.append(np.where(np.isin(np.arange(len(signs)), self._open), signs, 0))
-        moved = descended(self.values, np.stack(starts, axis=1), np.stack(wanted, axis=1).astype(float), self.rng)
+                wanted.append(
+                    np.where(np.isin(np.arange(len(signs)), self._open), signs, 0)
+                )
+        moved = descended(
+            self.values,
+            np.stack(starts, axis=1),
+            np.stack(wanted, axis=1).astype(float),
+            self.rng,
+        )
         self._visit(moved)
         return True

@@ -18,7 +18,9 @@ from echelon.program.schedule import CIRCULAR
 from echelon.program.tape import Program, Scalar
 
 
-def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program, dict[int, int]]:
+def without_absolutes(
+    program: Program, outputs: Sequence[int]
+) -> tuple[Program, dict[int, int]]:
     """A program with sign(x)·x in the place of |x|, and where the nodes that outputs need are there."""
     needed = program.needed(outputs)
     if not any(program.ops[n] == Op.ABS for n in needed):
@@ -35,7 +37,9 @@ def without_absolutes(program: Program, outputs: Sequence[int]) -> tuple[Program
     return copy, places
 
 
-def with_free_functions(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int]]:
+def with_free_functions(
+    program: Program, outputs: Sequence[int]
+) -> tuple[Program, list[int]]:
     """The same outputs with a random variable in the place of every function that finite fields do not have."""
 
     def operation(copy: Program, op: Op, a: int, b: int) -> int:
@@ -47,7 +51,9 @@ def with_free_functions(program: Program, outputs: Sequence[int]) -> tuple[Progr
     return copy, replayed(program, outputs, copy, {}, operation)
 
 
-def smoothed(program: Program, outputs: Sequence[int], width: float) -> tuple[Program, list[int]]:
+def smoothed(
+    program: Program, outputs: Sequence[int], width: float
+) -> tuple[Program, list[int]]:
     """The same outputs without jumps; the program itself if it has none."""
     if not any(program.ops[n] in (Op.SIGN, Op.ABS) for n in program.needed(outputs)):
         return program, list(outputs)
@@ -69,7 +75,11 @@ def with_values(
 ) -> tuple[Program, list[int]]:
     """The same outputs with expressions in the place of inputs."""
     copy = Program()
-    known = {n: copy.polynomial(values[i.name]).node for n, i in program.inputs.items() if i.name in values}
+    known = {
+        n: copy.polynomial(values[i.name]).node
+        for n, i in program.inputs.items()
+        if i.name in values
+    }
     return copy, replayed(program, outputs, copy, known, recorded)
 
 
@@ -80,7 +90,12 @@ def recorded(copy: Program, op: Op, a: int, b: int) -> int:
     return copy.negate(a) if op is Op.NEG else copy.function(op, Scalar(copy, a)).node
 
 
-_BINARY = {Op.ADD: Program.add, Op.SUB: Program.subtract, Op.MUL: Program.multiply, Op.DIV: Program.divide}
+_BINARY = {
+    Op.ADD: Program.add,
+    Op.SUB: Program.subtract,
+    Op.MUL: Program.multiply,
+    Op.DIV: Program.divide,
+}
 
 
 def replayed(
@@ -104,7 +119,9 @@ def replayed(
             raise InputError("division by zero") from None
     for group in program.unit_groups:
         if any(node in new for node in group):
-            copy.unit_groups.append(tuple(_input(program, node, copy) for node in group))
+            copy.unit_groups.append(
+                tuple(_input(program, node, copy) for node in group)
+            )
     return [new[n] for n in outputs]
 
 
@@ -115,8 +132,13 @@ def _input(program: Program, node: int, copy: Program) -> int:
 def smooth_function(function: Function, width: float) -> Function:
     """The same function with signs that change gradually."""
     nodes = [node for argument in function.arguments for node in argument.nodes]
-    program, new = smoothed(function.program, [*function.entries.values(), *nodes], width)
+    program, new = smoothed(
+        function.program, [*function.entries.values(), *nodes], width
+    )
     outputs, inputs = new[: len(function.entries)], iter(new[len(function.entries) :])
-    arguments = tuple(replace(a, nodes=tuple(next(inputs) for _ in a.nodes)) for a in function.arguments)
+    arguments = tuple(
+        replace(a, nodes=tuple(next(inputs) for _ in a.nodes))
+        for a in function.arguments
+    )
     entries = dict(zip(function.entries, outputs, strict=True))
     return replace(function, program=program, arguments=arguments, entries=entries)

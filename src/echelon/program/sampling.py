@@ -25,12 +25,19 @@ class SignSampler(FieldSampler):
         """Number of regions into which signs cut the real points; this many states visit them all."""
         return self._points.count
 
-    def _signs(self, field: PrimeField, states: int, geometries: int) -> dict[int, Residues]:
+    def _signs(
+        self, field: PrimeField, states: int, geometries: int
+    ) -> dict[int, Residues]:
         signs = self._points.signs(states)
-        return {n: np.tile(x.astype(field.dtype) % field.p, geometries) for n, x in signs.items()}
+        return {
+            n: np.tile(x.astype(field.dtype) % field.p, geometries)
+            for n, x in signs.items()
+        }
 
 
-def sampler_of(program: Program, outputs: Sequence[int], points: RealPoints | None = None) -> FieldSampler:
+def sampler_of(
+    program: Program, outputs: Sequence[int], points: RealPoints | None = None
+) -> FieldSampler:
     """Evaluates outputs at random points of a prime field, in regions of signs if there are any."""
     if any(program.ops[n] in (Op.SIGN, Op.ABS) for n in program.needed(outputs)):
         return SignSampler(points or RealPoints(program, outputs))

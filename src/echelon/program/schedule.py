@@ -40,7 +40,9 @@ class Arithmetic(Protocol):
     """What a schedule needs to know about the numbers it works on."""
 
     dtype: npt.DTypeLike
-    shape: tuple[int, ...]  # axes of a single number: none, or one for the coefficients of a series
+    shape: tuple[
+        int, ...
+    ]  # axes of a single number: none, or one for the coefficients of a series
 
     def constant(self, value: Number) -> float | int | Array:
         """Embed an exact constant."""
@@ -66,13 +68,19 @@ class _Group:
 class Schedule:
     """The part of a program that some outputs need, ordered for vectorised evaluation."""
 
-    def __init__(self, program: Program, outputs: Sequence[int], leaves: Iterable[int] = ()) -> None:
+    def __init__(
+        self, program: Program, outputs: Sequence[int], leaves: Iterable[int] = ()
+    ) -> None:
         given = set(leaves)
         needed = program.needed(outputs, given)
         self.program = program
         self.leaves = [n for n in needed if n in given or program.ops[n] == Op.INPUT]
-        self._constants = [n for n in needed if program.ops[n] == Op.CONSTANT and n not in given]
-        self._row: dict[int, int] = {n: i for i, n in enumerate(self.leaves + self._constants)}
+        self._constants = [
+            n for n in needed if program.ops[n] == Op.CONSTANT and n not in given
+        ]
+        self._row: dict[int, int] = {
+            n: i for i, n in enumerate(self.leaves + self._constants)
+        }
         self._groups = self._sort(needed)
         self._outputs = np.array([self._row[n] for n in outputs], dtype=np.intp)
         self.size = len(self._row)
@@ -94,14 +102,20 @@ class Schedule:
             for node in nodes:
                 self._row[node] = len(self._row)
             left = np.array([self._row[lhs[n]] for n in nodes], dtype=np.intp)
-            right = np.array([self._row[rhs[n]] if rhs[n] >= 0 else 0 for n in nodes], dtype=np.intp)
+            right = np.array(
+                [self._row[rhs[n]] if rhs[n] >= 0 else 0 for n in nodes], dtype=np.intp
+            )
             groups.append(_Group(op, start, len(self._row), left, right))
         return groups
 
-    def run(self, arithmetic: Arithmetic, values: Mapping[int, Array], samples: int) -> Array:
+    def run(
+        self, arithmetic: Arithmetic, values: Mapping[int, Array], samples: int
+    ) -> Array:
         """Evaluate the outputs."""
         # shapes: values (samples, *arithmetic.shape); returns (outputs, samples, *arithmetic.shape)
-        table: Array = np.empty((self.size, samples, *arithmetic.shape), dtype=arithmetic.dtype)
+        table: Array = np.empty(
+            (self.size, samples, *arithmetic.shape), dtype=arithmetic.dtype
+        )
         for node in self.leaves:
             table[self._row[node]] = values[node]
         for node in self._constants:
@@ -109,7 +123,9 @@ class Schedule:
         for group in self._groups:
             left = table[group.lhs]
             if group.op in (Op.ADD, Op.SUB, Op.MUL, Op.DIV):
-                table[group.start : group.stop] = arithmetic.binary(group.op, left, table[group.rhs])
+                table[group.start : group.stop] = arithmetic.binary(
+                    group.op, left, table[group.rhs]
+                )
             else:
                 table[group.start : group.stop] = arithmetic.unary(group.op, left)
         return table[self._outputs]
@@ -134,10 +150,14 @@ class StagedSchedule:
         """Operations at every state."""
         return self.moving.size
 
-    def kept(self, arithmetic: Arithmetic, symbols: Mapping[str, Array], count: int) -> dict[int, Array]:
+    def kept(
+        self, arithmetic: Arithmetic, symbols: Mapping[str, Array], count: int
+    ) -> dict[int, Array]:
         """What depends on symbols alone, at some sets of values of the symbols: arrays of shape (count,) by node."""
         names = {node: self.program.inputs[node].name for node in self.constants.leaves}
-        found = self.constants.run(arithmetic, {node: symbols[name] for node, name in names.items()}, count)
+        found = self.constants.run(
+            arithmetic, {node: symbols[name] for node, name in names.items()}, count
+        )
         return dict(zip(self._kept, found, strict=True))
 
 
@@ -157,12 +177,23 @@ def _constant_frontier(program: Program, outputs: Sequence[int]) -> list[int]:
     for node in needed:
         if moves[node] and program.ops[node] not in (Op.INPUT, Op.CONSTANT):
             used |= {n for n in (program.lhs[node], program.rhs[node]) if n >= 0}
-    return [node for node in needed if node in used and not moves[node] and program.ops[node] != Op.CONSTANT]
+    return [
+        node
+        for node in needed
+        if node in used and not moves[node] and program.ops[node] != Op.CONSTANT
+    ]
 
 
-_FLOAT_FUNCTIONS: dict[Op, Any] = {op: getattr(np, op.name.lower()) for op in FUNCTIONS if op is not Op.ATAN}
+_FLOAT_FUNCTIONS: dict[Op, Any] = {
+    op: getattr(np, op.name.lower()) for op in FUNCTIONS if op is not Op.ATAN
+}
 _FLOAT_FUNCTIONS |= {Op.NEG: np.negative, Op.ATAN: np.arctan}
-_FLOAT_BINARY = {Op.ADD: np.add, Op.SUB: np.subtract, Op.MUL: np.multiply, Op.DIV: np.divide}
+_FLOAT_BINARY = {
+    Op.ADD: np.add,
+    Op.SUB: np.subtract,
+    Op.MUL: np.multiply,
+    Op.DIV: np.divide,
+}
 
 
 class FloatArithmetic:
@@ -214,7 +245,9 @@ class ModularArithmetic:
     def unary(self, op: int, a: Array) -> Array:
         """Negation modulo p."""
         if op != Op.NEG:
-            raise EchelonError(f"{Op(op).name.lower()} has no exact meaning in a finite field")
+            raise EchelonError(
+                f"{Op(op).name.lower()} has no exact meaning in a finite field"
+            )
         return -a % self.field.p
 
 
@@ -238,9 +271,13 @@ class FieldSampler:
         signs = [n for n in program.needed(outputs) if program.ops[n] == Op.SIGN]
         self._schedule = Schedule(program, outputs, (*functions, *signs))
         self._inputs = [n for n in self._schedule.leaves if n in program.inputs]
-        self._functions = [n for n in self._schedule.leaves if program.ops[n] in CIRCULAR]
+        self._functions = [
+            n for n in self._schedule.leaves if program.ops[n] in CIRCULAR
+        ]
         arguments = dict.fromkeys(program.lhs[n] for n in self._functions)
-        self._angles = {n: form for n in arguments if (form := _turns(program, n)) is not None}
+        self._angles = {
+            n: form for n in arguments if (form := _turns(program, n)) is not None
+        }
 
     @staticmethod
     def suits(program: Program, outputs: Sequence[int]) -> bool:
@@ -250,7 +287,9 @@ class FieldSampler:
         signs of anything.  Constants in angles occur there in whole multiples, and nowhere else.
         """
         signs = [n for n in program.needed(outputs) if program.ops[n] == Op.SIGN]
-        functions = [n for n in program.needed(outputs, signs) if program.ops[n] >= Op.SIN]
+        functions = [
+            n for n in program.needed(outputs, signs) if program.ops[n] >= Op.SIN
+        ]
         circular = [n for n in functions if program.ops[n] in CIRCULAR]
         if any(program.ops[n] not in (*CIRCULAR, Op.SIGN, Op.ABS) for n in functions):
             return False
@@ -258,9 +297,14 @@ class FieldSampler:
         if None in turns:
             return False
         ratios = [(n, ratio) for form in turns for n, ratio in (form or {}).items()]
-        constant = {n: ratio for n, ratio in ratios if program.inputs[n].role == "symbol"}
+        constant = {
+            n: ratio for n, ratio in ratios if program.inputs[n].role == "symbol"
+        }
         whole = all(ratio.denominator == 1 for n, ratio in ratios if n in constant)
-        return whole and (not constant or constant.keys().isdisjoint(program.needed(outputs, (*circular, *signs))))
+        return whole and (
+            not constant
+            or constant.keys().isdisjoint(program.needed(outputs, (*circular, *signs)))
+        )
 
     @property
     def regions(self) -> int:
@@ -270,13 +314,18 @@ class FieldSampler:
     @property
     def symbols(self) -> list[str]:
         """Constants that the outputs depend on, sorted."""
-        return sorted({self.program.inputs[n].name for n in self._inputs if self._is_symbol(n)} | self.angles)
+        return sorted(
+            {self.program.inputs[n].name for n in self._inputs if self._is_symbol(n)}
+            | self.angles
+        )
 
     @property
     def angles(self) -> frozenset[str]:
         """Symbols whose values stand for the tangent of half of them."""
         angles = (n for form in self._angles.values() for n in form)
-        return frozenset(self.program.inputs[n].name for n in angles if self._is_symbol(n))
+        return frozenset(
+            self.program.inputs[n].name for n in angles if self._is_symbol(n)
+        )
 
     @property
     def leaves(self) -> int:
@@ -289,7 +338,13 @@ class FieldSampler:
         # a cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
         # quaternion is one of degree 2
         units = self._units()
-        turns = max((int(sum(abs(r) * units[n] for n, r in form.items())) for form in self._angles.values()), default=1)
+        turns = max(
+            (
+                int(sum(abs(r) * units[n] for n, r in form.items()))
+                for form in self._angles.values()
+            ),
+            default=1,
+        )
         return Size(2 * turns, 2.0 * turns)
 
     def _units(self) -> dict[int, int]:
@@ -301,7 +356,11 @@ class FieldSampler:
         return units
 
     def evaluate(
-        self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
+        self,
+        field: PrimeField,
+        rng: np.random.Generator,
+        states: int,
+        geometry: Mapping[str, Residues],
     ) -> Residues:
         """Evaluate at random states for given geometries."""
         # shapes: geometry (geometries,); returns (outputs, geometries, states)
@@ -311,7 +370,9 @@ class FieldSampler:
 
         def drawn(nodes: Iterable[int]) -> dict[int, Residues]:
             return {
-                n: given[self.program.inputs[n].name] if self._is_symbol(n) else field.draw(rng, (samples,))
+                n: given[self.program.inputs[n].name]
+                if self._is_symbol(n)
+                else field.draw(rng, (samples,))
                 for n in nodes
             }
 
@@ -321,23 +382,40 @@ class FieldSampler:
         for group in self.program.unit_groups:
             if not values.keys().isdisjoint(group):
                 on_sphere = field.sphere(field.draw(rng, (len(group) - 1, samples)))
-                values |= {n: point for n, point in zip(group, on_sphere, strict=True) if n in values}
-        circles = {angle: _turned(form, units, points, field) for angle, form in self._angles.items()}
+                values |= {
+                    n: point
+                    for n, point in zip(group, on_sphere, strict=True)
+                    if n in values
+                }
+        circles = {
+            angle: _turned(form, units, points, field)
+            for angle, form in self._angles.items()
+        }
         for n in self._functions:
             cosine, sine = circles[self.program.lhs[n]]
             op = self.program.ops[n]
             values[n] = (
-                cosine if op == Op.COS else sine if op == Op.SIN else sine * field.invert_array(cosine) % field.p
+                cosine
+                if op == Op.COS
+                else sine
+                if op == Op.SIN
+                else sine * field.invert_array(cosine) % field.p
             )
         values |= self._signs(field, states, geometries)
-        return self._schedule.run(ModularArithmetic(field), values, samples).reshape(-1, geometries, states)
+        return self._schedule.run(ModularArithmetic(field), values, samples).reshape(
+            -1, geometries, states
+        )
 
-    def _signs(self, field: PrimeField, states: int, geometries: int) -> dict[int, Residues]:  # noqa: ARG002
+    def _signs(
+        self, field: PrimeField, states: int, geometries: int
+    ) -> dict[int, Residues]:
         """Values of signs at states of all regions in turn, (geometries · states,)."""
         return {}
 
     def _is_symbol(self, node: int) -> bool:
-        return node in self.program.inputs and self.program.inputs[node].role == "symbol"
+        return (
+            node in self.program.inputs and self.program.inputs[node].role == "symbol"
+        )
 
 
 CIRCULAR = (Op.SIN, Op.COS, Op.TAN)
@@ -359,7 +437,10 @@ def _turns(program: Program, node: int) -> _Turns | None:
             found = {x: -ratio for x, ratio in a.items()}
         elif op in (Op.ADD, Op.SUB) and isinstance(a, dict) and isinstance(b, dict):
             side = 1 if op == Op.ADD else -1
-            total = {x: a.get(x, Fraction(0)) + side * b.get(x, Fraction(0)) for x in {**a, **b}}
+            total = {
+                x: a.get(x, Fraction(0)) + side * b.get(x, Fraction(0))
+                for x in {**a, **b}
+            }
             found = {x: ratio for x, ratio in total.items() if ratio}
         elif op == Op.MUL:
             factor, angle = (a, b) if isinstance(b, dict) else (b, a)
@@ -377,7 +458,9 @@ def is_angle(program: Program, outputs: Sequence[int], node: int) -> bool:
     if program.inputs[node].role != "symbol":
         return False
     circular = [n for n in program.needed(outputs) if program.ops[n] in CIRCULAR]
-    ratios = [(_turns(program, program.lhs[n]) or {}).get(node, Fraction(0)) for n in circular]
+    ratios = [
+        (_turns(program, program.lhs[n]) or {}).get(node, Fraction(0)) for n in circular
+    ]
     holders = [n for n, ratio in zip(circular, ratios, strict=True) if ratio]
     whole = all(ratio.denominator == 1 for ratio in ratios)
     return bool(holders) and whole and node not in program.needed(outputs, holders)
@@ -386,12 +469,20 @@ def is_angle(program: Program, outputs: Sequence[int], node: int) -> bool:
 Circle = tuple[Residues, Residues]  # cosines and sines
 
 
-def _turned(form: _Turns, units: Mapping[int, int], points: Mapping[int, Circle], field: PrimeField) -> Circle:
+def _turned(
+    form: _Turns,
+    units: Mapping[int, int],
+    points: Mapping[int, Circle],
+    field: PrimeField,
+) -> Circle:
     """The point of an angle from those of parts of inputs."""
     turns = [(points[n], int(ratio * units[n])) for n, ratio in form.items()]
     if not turns:
         return np.ones(1, dtype=field.dtype), np.zeros(1, dtype=field.dtype)
-    found = [point if count == 1 else field.multiply_angle(point, count) for point, count in turns]
+    found = [
+        point if count == 1 else field.multiply_angle(point, count)
+        for point, count in turns
+    ]
     return reduce(field.add_angles, found)
 
 
@@ -428,7 +519,9 @@ def size_bound(program: Program, outputs: Sequence[int]) -> Size:
         if op == Op.CONSTANT:
             number = program.constants[node]
             power = int(common_denominator([number]) > 1)
-            sizes[node] = _Quotient(0, norm_bits([number], denominator if power else 1), power=power)
+            sizes[node] = _Quotient(
+                0, norm_bits([number], denominator if power else 1), power=power
+            )
         elif op in (Op.TAN, Op.TANH):
             sizes[node] = _Quotient(1, below=1)
         elif op == Op.ABS:
@@ -436,11 +529,17 @@ def size_bound(program: Program, outputs: Sequence[int]) -> Size:
         elif op == Op.INPUT or op >= Op.SIN:
             sizes[node] = _Quotient(1)
         else:
-            sizes[node] = sizes[a] if op == Op.NEG else _combined(op, sizes[a], sizes[b], scale)
+            sizes[node] = (
+                sizes[a] if op == Op.NEG else _combined(op, sizes[a], sizes[b], scale)
+            )
     found = [sizes[n] for n in outputs]
-    power = max((s.power for s in found), default=0)  # one for all, so that outputs can be added
+    power = max(
+        (s.power for s in found), default=0
+    )  # one for all, so that outputs can be added
     bits = [max(s.bits + (power - s.power) * scale, s.bits_below) for s in found]
-    return Size(max((max(s.degree, s.below) for s in found), default=0), max(bits, default=0.0))
+    return Size(
+        max((max(s.degree, s.below) for s in found), default=0), max(bits, default=0.0)
+    )
 
 
 def polynomial_size(polynomials: Iterable[Polynomial]) -> Size:
@@ -448,22 +547,33 @@ def polynomial_size(polynomials: Iterable[Polynomial]) -> Size:
     degree, bits = 0, 0.0
     for polynomial in polynomials:
         numbers = list(polynomial.terms.values())
-        degree = max([degree, *(sum(e for _, e in monomial) for monomial in polynomial.terms)])
+        degree = max(
+            [degree, *(sum(e for _, e in monomial) for monomial in polynomial.terms)]
+        )
         bits = max(bits, norm_bits(numbers, common_denominator(numbers)))
     return Size(degree, bits)
 
 
 def common_denominator(numbers: Iterable[Number]) -> int:
     """Common denominator of all parts of exact numbers."""
-    return lcm(*(Fraction(part).denominator for number in numbers for part in parts_of(number)))
+    return lcm(
+        *(Fraction(part).denominator for number in numbers for part in parts_of(number))
+    )
 
 
 def norm_bits(numbers: Sequence[Number], factor: int = 1) -> float:
     """Binary logarithm of the sum of numbers' sizes, times a factor; 0 for sums below 1."""
-    pairs = [pair for number in numbers for pair in zip(parts_of(number), _ROOTS, strict=True)]
+    pairs = [
+        pair
+        for number in numbers
+        for pair in zip(parts_of(number), _ROOTS, strict=True)
+    ]
     sizes = ((abs(Fraction(part)) * factor, root) for part, root in pairs if part)
     # logarithms of whole numbers, which may be beyond the range of floats
-    terms = [log2(size.numerator) - log2(size.denominator) + log2(root) for size, root in sizes]
+    terms = [
+        log2(size.numerator) - log2(size.denominator) + log2(root)
+        for size, root in sizes
+    ]
     return max(0.0, _sum(terms)) if terms else 0.0
 
 
@@ -475,7 +585,11 @@ def _sum(terms: Sequence[float]) -> float:
 
 def _product(a: _Quotient, b: _Quotient) -> _Quotient:
     return _Quotient(
-        a.degree + b.degree, a.bits + b.bits, a.below + b.below, a.bits_below + b.bits_below, a.power + b.power
+        a.degree + b.degree,
+        a.bits + b.bits,
+        a.below + b.below,
+        a.bits_below + b.bits_below,
+        a.power + b.power,
     )
 
 
@@ -489,4 +603,10 @@ def _combined(op: int, a: _Quotient, b: _Quotient, scale: float) -> _Quotient:
     left = a.bits + b.bits_below + (power - a.power) * scale
     right = b.bits + a.bits_below + (power - b.power) * scale
     degree = max(a.degree + b.below, b.degree + a.below)
-    return _Quotient(degree, _sum((left, right)), a.below + b.below, a.bits_below + b.bits_below, power)
+    return _Quotient(
+        degree,
+        _sum((left, right)),
+        a.below + b.below,
+        a.bits_below + b.bits_below,
+        power,
+    )

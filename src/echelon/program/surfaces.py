@@ -53,9 +53,13 @@ class Surfaces:
     nodes: tuple[int, ...]
     signs: frozenset[int]  # those of ``nodes`` that are arguments of signs
     entire: bool  # whether there are no logarithms, roots and arc tangents, whose domains have pieces
-    positive: tuple[int, ...]  # arguments of logarithms and roots, which are positive in the domain
+    positive: tuple[
+        int, ...
+    ]  # arguments of logarithms and roots, which are positive in the domain
     nonzero: tuple[int, ...]  # denominators with signs, which could vanish on a region
-    nested: frozenset[int]  # those of ``nodes`` whose value contains a sign: they may vanish on a whole region
+    nested: frozenset[
+        int
+    ]  # those of ``nodes`` whose value contains a sign: they may vanish on a whole region
     inputs: tuple[int, ...]  # the inputs that all of these depend on
     # maximal sets of ``nodes`` whose signs are multiplied with each other in an output
     maximal: tuple[frozenset[int], ...]
@@ -72,12 +76,24 @@ def find_surfaces(program: Program, outputs: Sequence[int]) -> Surfaces:
     nodes = tuple(sorted(signs | pieces))
     entire = not any(ops[n] in (*_DOMAIN, Op.ATAN) for n in needed)
     nested = frozenset(n for n in nodes if _jumps(program, n))
-    below = sorted({program.rhs[n] for n in needed if ops[n] == Op.DIV}) if signs else []
+    below = (
+        sorted({program.rhs[n] for n in needed if ops[n] == Op.DIV}) if signs else []
+    )
     nonzero = tuple(n for n in below if _jumps(program, n))
-    inputs = tuple(n for n in program.needed([*nodes, *positive, *nonzero]) if ops[n] == Op.INPUT)
+    inputs = tuple(
+        n for n in program.needed([*nodes, *positive, *nonzero]) if ops[n] == Op.INPUT
+    )
     products = _products(program, outputs, nodes)
     return Surfaces(
-        program, nodes, frozenset(signs), entire, tuple(sorted(positive)), nonzero, nested, inputs, products
+        program,
+        nodes,
+        frozenset(signs),
+        entire,
+        tuple(sorted(positive)),
+        nonzero,
+        nested,
+        inputs,
+        products,
     )
 
 
@@ -88,7 +104,9 @@ def _jumps(program: Program, node: int) -> bool:
 
 def _poles(program: Program, node: int) -> set[int]:
     """Denominators in an arc tangent, which may jump where they vanish."""
-    return {program.rhs[n] for n in program.needed([node]) if program.ops[n] == Op.DIV} - program.constants.keys()
+    return {
+        program.rhs[n] for n in program.needed([node]) if program.ops[n] == Op.DIV
+    } - program.constants.keys()
 
 
 def _factors(program: Program, node: int) -> set[int]:
@@ -109,7 +127,9 @@ def _factors(program: Program, node: int) -> set[int]:
 _Masks = tuple[int, ...]  # maximal products, each the bits of its surfaces
 
 
-def _products(program: Program, outputs: Sequence[int], nodes: Sequence[int]) -> tuple[frozenset[int], ...]:
+def _products(
+    program: Program, outputs: Sequence[int], nodes: Sequence[int]
+) -> tuple[frozenset[int], ...]:
     """Maximal sets of surfaces whose signs are multiplied in an output."""
     bit = {n: 1 << k for k, n in enumerate(nodes)}
     found: dict[int, _Masks] = {-1: (0,)}
@@ -126,7 +146,11 @@ def _products(program: Program, outputs: Sequence[int], nodes: Sequence[int]) ->
         if op is Op.SIGN:
             found[n] = (bit[a],)
         else:
-            found[n] = (touched[n],) if op >= Op.SIN else _operated(op, found[a], found[b], touched[b])
+            found[n] = (
+                (touched[n],)
+                if op >= Op.SIN
+                else _operated(op, found[a], found[b], touched[b])
+            )
     masks = _maximal([m for n in outputs for m in found[n]])
     return tuple(frozenset(n for n in nodes if bit[n] & m) for m in masks)
 
@@ -135,10 +159,16 @@ def _operated(op: Op, a: _Masks, b: _Masks, below: int) -> _Masks:
     if op is Op.DIV and below:
         b = (below,)
     if b == (0,) or a == b:
-        return a if b == (0,) or op is not Op.MUL or len(a) == 1 else _maximal([x | y for x in a for y in b])
+        return (
+            a
+            if b == (0,) or op is not Op.MUL or len(a) == 1
+            else _maximal([x | y for x in a for y in b])
+        )
     if a == (0,):
         return b
-    return _maximal([*a, *b] if op in (Op.ADD, Op.SUB) else [x | y for x in a for y in b])
+    return _maximal(
+        [*a, *b] if op in (Op.ADD, Op.SUB) else [x | y for x in a for y in b]
+    )
 
 
 def _maximal(masks: Iterable[int]) -> _Masks:
@@ -154,7 +184,9 @@ def _maximal(masks: Iterable[int]) -> _Masks:
     return (together,)
 
 
-def monomials(surfaces: Surfaces, constant: Mapping[int, int], most: int) -> list[tuple[tuple[int, int], ...]] | None:
+def monomials(
+    surfaces: Surfaces, constant: Mapping[int, int], most: int
+) -> list[tuple[tuple[int, int], ...]] | None:
     """All products of powers of signs that may occur."""
     found: set[tuple[tuple[int, int], ...]] = {()}
     for product in surfaces.maximal:
@@ -177,16 +209,24 @@ _BITS = (128, 512)
 class RealValues:
     """Evaluates surfaces at real points."""
 
-    def __init__(self, surfaces: Surfaces, constants: Mapping[int, Rational | float]) -> None:
+    def __init__(
+        self, surfaces: Surfaces, constants: Mapping[int, Rational | float]
+    ) -> None:
         self.surfaces, self.constants = surfaces, constants
         self.variables = [n for n in surfaces.inputs if n not in constants]
         program = surfaces.program
         rows = [*surfaces.nodes, *surfaces.positive, *surfaces.nonzero]
         self._schedule = Schedule(program, rows)
         place = {n: k for k, n in enumerate(self.variables)}
-        self.spheres = [[place[n] for n in group] for group in program.unit_groups if all(n in place for n in group)]
+        self.spheres = [
+            [place[n] for n in group]
+            for group in program.unit_groups
+            if all(n in place for n in group)
+        ]
         self.cones = [self._cone(n) for n in rows]
-        self._nested = np.array([n in surfaces.nested for n in surfaces.nodes], dtype=bool)
+        self._nested = np.array(
+            [n in surfaces.nested for n in surfaces.nodes], dtype=bool
+        )
 
     def _cone(self, node: int) -> list[int]:
         """Places of the variables that a surface depends on."""
@@ -205,9 +245,13 @@ class RealValues:
         # shapes: points (variables, points); returns (surfaces + positive + nonzero, points)
         count = points.shape[1]
         leaves = {n: points[k] for k, n in enumerate(self.variables)}
-        leaves |= {n: np.full(count, float(value)) for n, value in self.constants.items()}
+        leaves |= {
+            n: np.full(count, float(value)) for n, value in self.constants.items()
+        }
         with np.errstate(all="ignore"):
-            return np.asarray(self._schedule.run(FloatArithmetic(), leaves, count), dtype=np.float64)
+            return np.asarray(
+                self._schedule.run(FloatArithmetic(), leaves, count), dtype=np.float64
+            )
 
     def inside(self, values: Floats) -> npt.NDArray[np.bool_]:
         """Which points are in the domain and on no surface, but for those that may vanish on a region."""
@@ -218,35 +262,65 @@ class RealValues:
 
     def in_domain(self, values: Floats) -> npt.NDArray[np.bool_]:
         """Which points are in the domain."""
-        first, last = len(self.surfaces.nodes), len(self.surfaces.nodes) + len(self.surfaces.positive)
-        good = ~np.isnan(values).any(axis=0) & (values[first:last] > 0).all(axis=0) & (values[last:] != 0).all(axis=0)
+        first, last = (
+            len(self.surfaces.nodes),
+            len(self.surfaces.nodes) + len(self.surfaces.positive),
+        )
+        good = (
+            ~np.isnan(values).any(axis=0)
+            & (values[first:last] > 0).all(axis=0)
+            & (values[last:] != 0).all(axis=0)
+        )
         return np.asarray(good, dtype=bool)
 
-    def certain(self, point: Floats, free: frozenset[int] = frozenset()) -> SignArray | None:
+    def certain(
+        self, point: Floats, free: frozenset[int] = frozenset()
+    ) -> SignArray | None:
         """The signs at a point as ball arithmetic proves them, None if it cannot."""
         # shapes: point (variables,); returns (surfaces,)
         count = len(self.surfaces.nodes)
         for bits in _BITS:
             values = self._balls(point, bits)
             last = count + len(self.surfaces.positive)
-            if not (all(v > 0 for v in values[count:last]) and all(v != 0 for v in values[last:])):
+            if not (
+                all(v > 0 for v in values[count:last])
+                and all(v != 0 for v in values[last:])
+            ):
                 continue
-            known = [self._sign(v, bits, nested) for v, nested in zip(values, self._nested, strict=False)]
-            if all(s is not None or n in free for s, n in zip(known, self.surfaces.nodes, strict=True)):
+            known = [
+                self._sign(v, bits, nested)
+                for v, nested in zip(values, self._nested, strict=False)
+            ]
+            if all(
+                s is not None or n in free
+                for s, n in zip(known, self.surfaces.nodes, strict=True)
+            ):
                 return np.array([s or 0 for s in known], dtype=np.int8)
         return None
 
     def _sign(self, value: flint.arb, bits: int, nested: bool) -> int | None:
         if value > 0 or value < 0:
             return 1 if value > 0 else -1
-        return 0 if nested and bits == _BITS[-1] and value.is_finite() and value.rad() < 2.0 ** (-bits / 2) else None
+        return (
+            0
+            if nested
+            and bits == _BITS[-1]
+            and value.is_finite()
+            and value.rad() < 2.0 ** (-bits / 2)
+            else None
+        )
 
     def _balls(self, point: Floats, bits: int) -> list[flint.arb]:
         before = flint.ctx.prec
         try:
             flint.ctx.prec = bits
-            known = {n: ball(x if isinstance(x, float) else Fraction(x)) for n, x in self.constants.items()}
-            known |= {n: ball(float(x)) for n, x in zip(self.variables, point, strict=True)}
+            known = {
+                n: ball(x if isinstance(x, float) else Fraction(x))
+                for n, x in self.constants.items()
+            }
+            known |= {
+                n: ball(float(x)) for n, x in zip(self.variables, point, strict=True)
+            }
             leaves = {n: np.array([x], dtype=object) for n, x in known.items()}
             return [row[0] for row in self._schedule.run(BallArithmetic(), leaves, 1)]
         finally:
@@ -254,12 +328,19 @@ class RealValues:
 
     def vanishing(self, points: Floats) -> frozenset[int]:
         """Surfaces that ball arithmetic cannot tell from zero at any of some points of the domain."""
-        count, suspects = len(self.surfaces.nodes), set(self.surfaces.nodes) - set(self.variables)
+        count, suspects = (
+            len(self.surfaces.nodes),
+            set(self.surfaces.nodes) - set(self.variables),
+        )
         for point in points.T:
             if not suspects:
                 break
             values = self._balls(point, _BITS[-1])
-            suspects -= {n for n, v in zip(self.surfaces.nodes, values[:count], strict=True) if v > 0 or v < 0}
+            suspects -= {
+                n
+                for n, v in zip(self.surfaces.nodes, values[:count], strict=True)
+                if v > 0 or v < 0
+            }
         return frozenset(suspects) if points.shape[1] else frozenset()
 
     def one_sided(self) -> dict[int, int]:
@@ -267,9 +348,16 @@ class RealValues:
         program, surfaces = self.surfaces.program, self.surfaces
         everything = (np.asarray(-np.inf), np.asarray(np.inf))
         inputs = dict.fromkeys(self.variables, everything)
-        inputs |= {n: (np.asarray(float(x)), np.asarray(float(x))) for n, x in self.constants.items()}
+        inputs |= {
+            n: (np.asarray(float(x)), np.asarray(float(x)))
+            for n, x in self.constants.items()
+        }
         found = {n: 1 for n in surfaces.nodes if n in surfaces.positive}
-        for n, (low, high) in zip(surfaces.nodes, interval_values(program, surfaces.nodes, inputs), strict=True):
+        for n, (low, high) in zip(
+            surfaces.nodes,
+            interval_values(program, surfaces.nodes, inputs),
+            strict=True,
+        ):
             if n not in surfaces.nested and (low >= 0 or high <= 0):
                 found[n] = 1 if low >= 0 else -1
         return found
@@ -282,11 +370,23 @@ _FIELD = PrimeField.of(2**31 - 105)
 _MOST_ATOMS = 64
 
 
-def impossible(surfaces: Surfaces, constants: Mapping[int, Rational | float]) -> list[Combination]:
+def impossible(
+    surfaces: Surfaces, constants: Mapping[int, Rational | float]
+) -> list[Combination]:
     """Pairs of signs that cannot occur together."""
-    together = {pair for product in surfaces.maximal for pair in combinations(sorted(product - surfaces.nested), 2)}
-    forms = _linear_forms(surfaces.program, [n for pair in together for n in pair], constants)
-    return [found for f, g in sorted(together) for found in _excluded(f, g, forms[f], forms[g])]
+    together = {
+        pair
+        for product in surfaces.maximal
+        for pair in combinations(sorted(product - surfaces.nested), 2)
+    }
+    forms = _linear_forms(
+        surfaces.program, [n for pair in together for n in pair], constants
+    )
+    return [
+        found
+        for f, g in sorted(together)
+        for found in _excluded(f, g, forms[f], forms[g])
+    ]
 
 
 def _linear_forms(
@@ -296,12 +396,19 @@ def _linear_forms(
     forms: dict[int, _Linear] = {}
     for node in program.needed(nodes):
         found = _combined(program, node, constants, forms)
-        forms[node] = found if found is not None and len(found) <= _MOST_ATOMS else {node: Fraction(1)}
+        forms[node] = (
+            found
+            if found is not None and len(found) <= _MOST_ATOMS
+            else {node: Fraction(1)}
+        )
     return forms
 
 
 def _combined(
-    program: Program, node: int, constants: Mapping[int, Rational | float], forms: Mapping[int, _Linear]
+    program: Program,
+    node: int,
+    constants: Mapping[int, Rational | float],
+    forms: Mapping[int, _Linear],
 ) -> _Linear | None:
     """A node by the forms of its operands; None if it is an atom."""
     number = constants.get(node, program.constants.get(node))
@@ -320,7 +427,9 @@ def _combined(
 
 
 def _sum(a: _Linear, b: _Linear, factor: Rational) -> _Linear:
-    total = {n: a.get(n, Fraction(0)) + factor * b.get(n, Fraction(0)) for n in {**a, **b}}
+    total = {
+        n: a.get(n, Fraction(0)) + factor * b.get(n, Fraction(0)) for n in {**a, **b}
+    }
     return {n: value for n, value in total.items() if value}
 
 
@@ -343,7 +452,9 @@ def _excluded(f: int, g: int, of_f: _Linear, of_g: _Linear) -> list[Combination]
     return found
 
 
-def relations(products: Sequence[tuple[tuple[int, int], ...]], excluded: Sequence[Combination]) -> int:
+def relations(
+    products: Sequence[tuple[tuple[int, int], ...]], excluded: Sequence[Combination]
+) -> int:
     """The number of independent relations between products of signs that excluded combinations bring."""
     place = {product: k for k, product in enumerate(products)}
     known = {n for product in products for n, _ in product}
@@ -351,9 +462,16 @@ def relations(products: Sequence[tuple[tuple[int, int], ...]], excluded: Sequenc
     for (f, s), (g, t) in excluded:
         for product in products:
             nodes = {n for n, _ in product}
-            if {f, g} <= known and not nodes & {f, g} and all(e == 1 for _, e in product):
+            if (
+                {f, g} <= known
+                and not nodes & {f, g}
+                and all(e == 1 for _, e in product)
+            ):
                 terms = [(1, set()), (s, {f}), (t, {g}), (s * t, {f, g})]
-                keys = [(sign, tuple((n, 1) for n in sorted(nodes | more))) for sign, more in terms]
+                keys = [
+                    (sign, tuple((n, 1) for n in sorted(nodes | more)))
+                    for sign, more in terms
+                ]
                 if all(key in place for _, key in keys):
                     row = np.zeros(len(products), dtype=np.int64)
                     for sign, key in keys:
@@ -369,7 +487,9 @@ _PRIME = 1_048_573
 class IndependentRegions:
     """The vectors of the regions so far, in reduced echelon form."""
 
-    def __init__(self, products: Sequence[tuple[tuple[int, int], ...]] | None, relations: int = 0) -> None:
+    def __init__(
+        self, products: Sequence[tuple[tuple[int, int], ...]] | None, relations: int = 0
+    ) -> None:
         self._every, self._relations = products is None, relations
         self.products = list(products or ())
         self._place = {product: k for k, product in enumerate(self.products)}
@@ -413,8 +533,12 @@ class IndependentRegions:
                 continue
             pivot = int(places[0])
             row = rests[k] * pow(int(rests[k, pivot]), -1, _PRIME) % _PRIME
-            rests[k + 1 :] = (rests[k + 1 :] - np.outer(rests[k + 1 :, pivot], row)) % _PRIME
-            self._basis = np.vstack([(self._basis - np.outer(self._basis[:, pivot], row)) % _PRIME, row])
+            rests[k + 1 :] = (
+                rests[k + 1 :] - np.outer(rests[k + 1 :, pivot], row)
+            ) % _PRIME
+            self._basis = np.vstack(
+                [(self._basis - np.outer(self._basis[:, pivot], row)) % _PRIME, row]
+            )
             self._pivots.append(pivot)
             included.append(k)
         return included

@@ -17,7 +17,13 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.exact.expressions import STEPS_PER_HALF_TURN, parse_decimal
-from echelon.exact.polynomial import Number, Rational, Surd, cosine_of_turn, sine_of_turn
+from echelon.exact.polynomial import (
+    Number,
+    Rational,
+    Surd,
+    cosine_of_turn,
+    sine_of_turn,
+)
 from echelon.extras import extra
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.tape import Program, Scalar, power, square_root
@@ -28,10 +34,19 @@ SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}
 
 _CIRCULAR = ("sin", "cos", "tan")
 _BY_EXPONENTIALS = ("sinh", "cosh", "coth", "sech", "csch")
-_COMPOUND = {"asin": "asin", "acos": "acos", "atan2": "atan2", "Max": "max", "Min": "min", "Heaviside": "heaviside"}
+_COMPOUND = {
+    "asin": "asin",
+    "acos": "acos",
+    "atan2": "atan2",
+    "Max": "max",
+    "Min": "min",
+    "Heaviside": "heaviside",
+}
 
 
-def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar]) -> Scalar:
+def from_sympy(
+    program: Program, expression: Any, symbols: Mapping[str, Scalar]
+) -> Scalar:
     """Record a sympy expression.
 
     >>> import sympy
@@ -43,7 +58,9 @@ def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar])
     with extra("symbolic"):
         import sympy
 
-    strangers = sorted(name for name, scalar in symbols.items() if scalar.program is not program)
+    strangers = sorted(
+        name for name, scalar in symbols.items() if scalar.program is not program
+    )
     if strangers:
         raise InputError(f"symbols recorded on another program: {', '.join(strangers)}")
     try:
@@ -51,14 +68,18 @@ def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar])
     except sympy.SympifyError:
         checked = None
     if not isinstance(checked, sympy.Expr):
-        raise InputError(f"a scalar sympy expression is needed, not {type(expression).__name__}")
+        raise InputError(
+            f"a scalar sympy expression is needed, not {type(expression).__name__}"
+        )
     try:
         return _Reader(program, symbols).read(checked)
     except ZeroDivisionError:
         raise InputError("division by zero", element=f"'{expression}'") from None
 
 
-def to_sympy(program: Program, outputs: Sequence[int], given: Mapping[int, Any] | None = None) -> list[Any]:
+def to_sympy(
+    program: Program, outputs: Sequence[int], given: Mapping[int, Any] | None = None
+) -> list[Any]:
     """Nodes of a program as sympy expressions in real symbols named like the inputs.
 
     >>> program = Program()
@@ -74,22 +95,34 @@ def to_sympy(program: Program, outputs: Sequence[int], given: Mapping[int, Any] 
     for node in program.needed(outputs, formulas):
         if node in formulas:
             continue
-        op, a, b = Op(program.ops[node]), formulas.get(program.lhs[node]), formulas.get(program.rhs[node])
+        op, a, b = (
+            Op(program.ops[node]),
+            formulas.get(program.lhs[node]),
+            formulas.get(program.rhs[node]),
+        )
         if op is Op.INPUT:
             formulas[node] = sympy.Symbol(program.inputs[node].name)
         elif op is Op.CONSTANT:
             formulas[node] = sympy_number(program.constants[node])
         else:
-            formulas[node] = functions[op](a) if op in functions else _operated(op, a, b)
+            formulas[node] = (
+                functions[op](a) if op in functions else _operated(op, a, b)
+            )
     return [formulas[node] for node in outputs]
 
 
 def shared_nodes(program: Program, outputs: Sequence[int]) -> list[int]:
     """Operations that outputs use more than once, in the order of the program."""
     needed = program.needed(outputs)
-    uses = Counter(operand for node in needed for operand in (program.lhs[node], program.rhs[node]))
+    uses = Counter(
+        operand for node in needed for operand in (program.lhs[node], program.rhs[node])
+    )
     uses.update(outputs)
-    return [n for n in needed if uses[n] > 1 and program.ops[n] not in (Op.INPUT, Op.CONSTANT, Op.NEG)]
+    return [
+        n
+        for n in needed
+        if uses[n] > 1 and program.ops[n] not in (Op.INPUT, Op.CONSTANT, Op.NEG)
+    ]
 
 
 def _operated(op: Op, a: Any, b: Any) -> Any:
@@ -107,7 +140,10 @@ def sympy_number(x: Number) -> Any:
     if isinstance(x, Surd):
         roots = (sympy.Integer(1), sympy.sqrt(2), sympy.sqrt(3), sympy.sqrt(6))
         return sum(
-            (sympy.Rational(p.numerator, p.denominator) * r for p, r in zip(x.parts, roots, strict=True)),
+            (
+                sympy.Rational(p.numerator, p.denominator) * r
+                for p, r in zip(x.parts, roots, strict=True)
+            ),
             sympy.Integer(0),
         )
     return sympy.Rational(x.numerator, x.denominator)
@@ -143,15 +179,23 @@ class _Reader:
         if name in _BY_EXPONENTIALS:
             return self.read(e.rewrite(_exponential()))
         if name in _COMPOUND:
-            return COMPOUND[_COMPOUND[name]][1]([self.read(argument) for argument in e.args])
+            return COMPOUND[_COMPOUND[name]][1](
+                [self.read(argument) for argument in e.args]
+            )
         if not e.is_Function or name not in SUPPORTED or len(e.args) != 1:
             raise _refusal(e)
-        return self._circular(name, e.args[0]) if name in _CIRCULAR else self._function(name, e.args[0])
+        return (
+            self._circular(name, e.args[0])
+            if name in _CIRCULAR
+            else self._function(name, e.args[0])
+        )
 
     def _symbol(self, name: str) -> Scalar:
         if name not in self.symbols:
             known = ", ".join(sorted(self.symbols)) or "none"
-            raise InputError(f"not declared (declared: {known})", element=f"symbol '{name}'")
+            raise InputError(
+                f"not declared (declared: {known})", element=f"symbol '{name}'"
+            )
         return self.symbols[name]
 
     def _product(self, e: Any) -> Scalar:
@@ -163,7 +207,9 @@ class _Reader:
                 below.append(self._power(factor.base, -factor.exp))
             else:
                 above.append(self.read(factor))
-        return reduce(mul, above, self.program.one) / reduce(mul, below, self.program.one)
+        return reduce(mul, above, self.program.one) / reduce(
+            mul, below, self.program.one
+        )
 
     def _power(self, base: Any, exponent: Any) -> Scalar:
         if type(base).__name__ == "Exp1":
@@ -178,7 +224,9 @@ class _Reader:
     def _circular(self, name: str, argument: Any) -> Scalar:
         """Sine, cosine or tangent, with multiples of 15° in the argument turned by exactly."""
         steps, rest = _split_turn(argument)
-        return turned(SUPPORTED[name], self.read(rest), cosine_of_turn(steps), sine_of_turn(steps))
+        return turned(
+            SUPPORTED[name], self.read(rest), cosine_of_turn(steps), sine_of_turn(steps)
+        )
 
 
 def _split_turn(argument: Any) -> tuple[int, Any]:
@@ -219,11 +267,15 @@ def _refusal(e: Any) -> InputError:
     """The error for a part of an expression that programs do not hold."""
     if type(e).__name__ == "Pi":
         problem = "exact only as a multiple of pi/12 inside sin, cos and tan; elsewhere use a symbol with that value"
-    elif e.is_Derivative or (e.is_Function and type(type(e)).__name__ == "UndefinedFunction"):
+    elif e.is_Derivative or (
+        e.is_Function and type(type(e)).__name__ == "UndefinedFunction"
+    ):
         problem = "replace functions of time and their derivatives by symbols first (expression.subs)"
     elif e.is_Function:
         known = ", ".join((*SUPPORTED, *_BY_EXPONENTIALS, *_COMPOUND))
-        problem = f"the function {type(e).__name__} is not supported (supported: {known})"
+        problem = (
+            f"the function {type(e).__name__} is not supported (supported: {known})"
+        )
     else:
         problem = f"{type(e).__name__} is not a real scalar that a program can hold"
     return InputError(problem, element=f"'{e}'")

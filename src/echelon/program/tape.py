@@ -75,21 +75,31 @@ class Scalar:
     __radd__ = __add__
 
     def __sub__(self, other: Scalar | Number | float) -> Scalar:
-        return Scalar(self.program, self.program.subtract(self.node, self._node_of(other)))
+        return Scalar(
+            self.program, self.program.subtract(self.node, self._node_of(other))
+        )
 
     def __rsub__(self, other: Number | float) -> Scalar:
-        return Scalar(self.program, self.program.subtract(self._node_of(other), self.node))
+        return Scalar(
+            self.program, self.program.subtract(self._node_of(other), self.node)
+        )
 
     def __mul__(self, other: Scalar | Number | float) -> Scalar:
-        return Scalar(self.program, self.program.multiply(self.node, self._node_of(other)))
+        return Scalar(
+            self.program, self.program.multiply(self.node, self._node_of(other))
+        )
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Scalar | Number | float) -> Scalar:
-        return Scalar(self.program, self.program.divide(self.node, self._node_of(other)))
+        return Scalar(
+            self.program, self.program.divide(self.node, self._node_of(other))
+        )
 
     def __rtruediv__(self, other: Number | float) -> Scalar:
-        return Scalar(self.program, self.program.divide(self._node_of(other), self.node))
+        return Scalar(
+            self.program, self.program.divide(self._node_of(other), self.node)
+        )
 
     def __neg__(self) -> Scalar:
         return Scalar(self.program, self.program.negate(self.node))
@@ -140,16 +150,23 @@ class Scalar:
         """Hyperbolic cosine, from the exponential."""
         return (self.exp() + (-self).exp()) / 2
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+    def __array_ufunc__(
+        self, ufunc: Any, method: str, *inputs: Any, **options: Any
+    ) -> Any:
         """NumPy's functions: the larger and smaller of values, and on arrays of objects what has a method here."""
         chosen = {"maximum": maximum, "minimum": minimum}.get(ufunc.__name__)
         if chosen is None or method != "__call__":
             return getattr(ufunc, method)(*(_boxed(x) for x in inputs), **options)
-        a, b = (np.asarray(x, dtype=object) for x in np.broadcast_arrays(*(_boxed(x) for x in inputs)))
+        a, b = (
+            np.asarray(x, dtype=object)
+            for x in np.broadcast_arrays(*(_boxed(x) for x in inputs))
+        )
         result = np.empty(a.shape, dtype=object)
         for place in np.ndindex(a.shape):
             pair: list[Any] = [a[place], b[place]]
-            result[place] = chosen(*(Scalar(self.program, self._node_of(x)) for x in pair))
+            result[place] = chosen(
+                *(Scalar(self.program, self._node_of(x)) for x in pair)
+            )
         return result[()]
 
     # -- what a program cannot hold ------------------------------------------------------------------------------
@@ -221,7 +238,9 @@ def power(base: Scalar, exponent: Scalar) -> Scalar:
     if isinstance(number, int | Fraction) and (2 * number).denominator == 1:
         count, half = divmod(abs(Fraction(number)), 1)
         if count > _LARGEST_EXPONENT:
-            raise InputError(f"the exponent {number} is larger than {_LARGEST_EXPONENT}")
+            raise InputError(
+                f"the exponent {number} is larger than {_LARGEST_EXPONENT}"
+            )
         total = _integer_power(base, int(count))
         total = total * square_root(base) if half else total
         return total if number >= 0 else 1 / total
@@ -232,7 +251,9 @@ def _integer_power(base: Scalar, count: int) -> Scalar:
     """By repeated squaring, from the lowest bit on."""
     value = base.number
     if isinstance(value, int | Fraction) and count * _bits(value) > _MOST_BITS:
-        raise InputError(f"a power of a number would have more than {_MOST_BITS} bits; its exponent is too large")
+        raise InputError(
+            f"a power of a number would have more than {_MOST_BITS} bits; its exponent is too large"
+        )
     return repeated(base, count, base.program.one, mul)
 
 
@@ -298,7 +319,9 @@ class Program:
         """The input of this name, created on first use."""
         node = self._input_nodes.get(name)
         if node is not None and self.inputs[node].role != role:
-            raise InputError(f"'{name}' is both a {self.inputs[node].role} and a {role}: rename one of them")
+            raise InputError(
+                f"'{name}' is both a {self.inputs[node].role} and a {role}: rename one of them"
+            )
         if node is None:
             node = self._append(_INPUT, -1, -1)
             self._input_nodes[name] = node
@@ -351,7 +374,9 @@ class Program:
             return self.subtract(a, self.lhs[b])
         if self.ops[a] == _NEG:
             return self.subtract(b, self.lhs[a])
-        if a == b and self._scaled(a) is not None:  # c·x + c·x, which is x where c is a half
+        if (
+            a == b and self._scaled(a) is not None
+        ):  # c·x + c·x, which is x where c is a half
             return self.multiply(a, self.constant(2).node)
         return self._intern(_ADD, a, b)
 

@@ -21,7 +21,14 @@ from functools import reduce
 from math import tan
 
 from echelon.errors import InputError, shortened
-from echelon.exact.expressions import PI, STEPS_PER_HALF_TURN, Angle, expression_tree, parse_angle, parse_decimal
+from echelon.exact.expressions import (
+    PI,
+    STEPS_PER_HALF_TURN,
+    Angle,
+    expression_tree,
+    parse_angle,
+    parse_decimal,
+)
 from echelon.exact.polynomial import Number, circle_point, cosine_of_turn, sine_of_turn
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.tape import Program, Scalar, maximum, minimum, power, square_root
@@ -57,7 +64,12 @@ _PHASE = 10**9
 
 
 def record_expression(
-    text: str, names: Mapping[str, Scalar], where: str, program: Program, *, rounded_phases: bool = False
+    text: str,
+    names: Mapping[str, Scalar],
+    where: str,
+    program: Program,
+    *,
+    rounded_phases: bool = False,
 ) -> Scalar:
     """Record an expression; phases of sin and cos that have no exact sine stay functions, or are rounded.
 
@@ -68,14 +80,20 @@ def record_expression(
     """
     shown = shortened(text)
     if len(text) > _LONGEST:
-        raise InputError(f"'{shown}': an expression has at most {_LONGEST} characters", element=where)
+        raise InputError(
+            f"'{shown}': an expression has at most {_LONGEST} characters", element=where
+        )
     source = text.strip().replace("^", "**")
     try:
-        return _Recorder(source, names, program, rounded_phases).record(expression_tree(source))
+        return _Recorder(source, names, program, rounded_phases).record(
+            expression_tree(source)
+        )
     except InputError as error:
         raise InputError(f"in '{shown}': {error.problem}", element=where) from None
     except (SyntaxError, RecursionError):
-        raise InputError(f"'{shown}' is not an expression such as 2*a*sin(x) - b*x**2", element=where) from None
+        raise InputError(
+            f"'{shown}' is not an expression such as 2*a*sin(x) - b*x**2", element=where
+        ) from None
     except ValueError as error:
         raise InputError(f"in '{shown}': {error}", element=where) from None
     except ZeroDivisionError:
@@ -89,16 +107,31 @@ def turned(op: Op, rest: Scalar, cosine: Number, sine: Number) -> Scalar:
         return program.function(op, rest)
     c, s = rest.cos(), rest.sin()
     whole_cosine, whole_sine = c * cosine - s * sine, s * cosine + c * sine
-    return whole_sine / whole_cosine if op is Op.TAN else whole_cosine if op is Op.COS else whole_sine
+    return (
+        whole_sine / whole_cosine
+        if op is Op.TAN
+        else whole_cosine
+        if op is Op.COS
+        else whole_sine
+    )
 
 
 class _Recorder:
-    def __init__(self, text: str, names: Mapping[str, Scalar], program: Program, rounded: bool) -> None:
-        self.text, self.names, self.program, self.rounded = text, names, program, rounded
+    def __init__(
+        self, text: str, names: Mapping[str, Scalar], program: Program, rounded: bool
+    ) -> None:
+        self.text, self.names, self.program, self.rounded = (
+            text,
+            names,
+            program,
+            rounded,
+        )
 
     def record(self, node: ast.expr) -> Scalar:
         match node:
-            case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
+            case ast.Constant(value=int() | float()) if not isinstance(
+                node.value, bool
+            ):
                 return self.program.constant(parse_decimal(self._source(node)))
             case ast.Name(id=name):
                 return self._named(name)
@@ -109,17 +142,25 @@ class _Recorder:
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 return self.record(operand)
             case ast.BinOp(left=left, op=operation, right=right):
-                return self._binary(node, operation, self.record(left), self.record(right))
-            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in _PLAIN:
+                return self._binary(
+                    node, operation, self.record(left), self.record(right)
+                )
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if (
+                name in _PLAIN
+            ):
                 return self._function(_PLAIN[name], argument)
-            case ast.Call(func=ast.Name(id=name), args=[_, *_] as arguments, keywords=[]) if name in COMPOUND:
+            case ast.Call(
+                func=ast.Name(id=name), args=[_, *_] as arguments, keywords=[]
+            ) if name in COMPOUND:
                 count, write = COMPOUND[name]
                 if count in (None, len(arguments)):
                     return write([self.record(argument) for argument in arguments])
         valid = f"possible are numbers, names, + - * / ** and the functions {', '.join(FUNCTION_NAMES)}"
         raise InputError(f"'{self._source(node)}' has no meaning here; {valid}")
 
-    def _binary(self, node: ast.expr, operation: ast.operator, a: Scalar, b: Scalar) -> Scalar:
+    def _binary(
+        self, node: ast.expr, operation: ast.operator, a: Scalar, b: Scalar
+    ) -> Scalar:
         match operation:
             case ast.Add():
                 return a + b
@@ -131,7 +172,9 @@ class _Recorder:
                 return a / b
             case ast.Pow():
                 return power(a, b)
-        raise InputError(f"'{self._source(node)}' uses an operation other than + - * / **")
+        raise InputError(
+            f"'{self._source(node)}' uses an operation other than + - * / **"
+        )
 
     def _function(self, op: Op, argument: ast.expr) -> Scalar:
         if op is Op.SQRT:
@@ -144,7 +187,10 @@ class _Recorder:
             if constant is None:
                 rest = rest + sign * self.record(term)
             else:
-                half_turns, radians = half_turns + sign * constant.half_turns, radians + sign * constant.radians
+                half_turns, radians = (
+                    half_turns + sign * constant.half_turns,
+                    radians + sign * constant.radians,
+                )
         phase = Angle(half_turns, (), radians)
         steps = phase.half_turns * STEPS_PER_HALF_TURN
         if self.rounded and (phase.radians or steps.denominator > 1):
@@ -155,8 +201,12 @@ class _Recorder:
 
     def _constant(self, term: ast.expr) -> Angle | None:
         """A term that is a number of radians or a part of π."""
-        names = {n.id for n in ast.walk(term) if isinstance(n, ast.Name)} - self.names.keys()
-        if PI not in names and any(isinstance(n, ast.Name | ast.Subscript) for n in ast.walk(term)):
+        names = {
+            n.id for n in ast.walk(term) if isinstance(n, ast.Name)
+        } - self.names.keys()
+        if PI not in names and any(
+            isinstance(n, ast.Name | ast.Subscript) for n in ast.walk(term)
+        ):
             return None
         with suppress(ValueError):
             angle = parse_angle(self._source(term))
@@ -177,12 +227,20 @@ class _Recorder:
         if name in self.names:
             return self.names[name]
         if name == PI:
-            raise InputError("pi is exact only inside sin, cos and tan; elsewhere use a symbol with that value")
+            raise InputError(
+                "pi is exact only inside sin, cos and tan; elsewhere use a symbol with that value"
+            )
         if name in FUNCTION_NAMES:
             raise InputError(f"'{name}' is a function: write {name}(...)")
         known = sorted(self.names)
-        more = f" and {len(known) - _SHOWN_NAMES} more" if len(known) > _SHOWN_NAMES else ""
-        raise InputError(f"'{name}' is unknown (valid: {', '.join(known[:_SHOWN_NAMES]) or 'none'}{more})")
+        more = (
+            f" and {len(known) - _SHOWN_NAMES} more"
+            if len(known) > _SHOWN_NAMES
+            else ""
+        )
+        raise InputError(
+            f"'{name}' is unknown (valid: {', '.join(known[:_SHOWN_NAMES]) or 'none'}{more})"
+        )
 
     def _source(self, node: ast.expr) -> str:
         return ast.get_source_segment(self.text, node) or ""
@@ -209,7 +267,12 @@ def phase_symbols(text: str) -> Iterator[str]:
     """Names that stand for angles: alone in a term of the argument of a circular function, perhaps with a factor."""
     circular = {op.name.lower() for op in _CIRCULAR}
     for call in ast.walk(expression_tree(text.strip().replace("^", "**"))):
-        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in circular and call.args:
+        if (
+            isinstance(call, ast.Call)
+            and isinstance(call.func, ast.Name)
+            and call.func.id in circular
+            and call.args
+        ):
             for _, term in _terms(call.args[0]):
                 names = [n.id for n in ast.walk(term) if isinstance(n, ast.Name)]
                 yield from names if len(names) == 1 else ()

@@ -32,8 +32,12 @@ class Block:
     """Joints that are moved together."""
 
     bodies: tuple[int, ...]  # the bodies of these joints
-    coordinates: tuple[str, ...]  # velocity coordinates of these joints that no coupling makes dependent
-    effects: tuple[int, ...]  # effects that act there, by their place in ``mechanism.effects``
+    coordinates: tuple[
+        str, ...
+    ]  # velocity coordinates of these joints that no coupling makes dependent
+    effects: tuple[
+        int, ...
+    ]  # effects that act there, by their place in ``mechanism.effects``
     carried: tuple[int, ...]  # blocks whose bodies hang on these bodies
 
 
@@ -46,7 +50,12 @@ def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
     joint, too.
     """
     bodies = mechanism.bodies
-    owner = {name: i for i, body in enumerate(bodies) for m in body.joint.motions for name in m.velocities}
+    owner = {
+        name: i
+        for i, body in enumerate(bodies)
+        for m in body.joint.motions
+        for name in m.velocities
+    }
     groups = _Groups(len(bodies))
     for index, body in enumerate(bodies):
         if body.parent != GROUND and bodies[body.parent].carried != ALL:
@@ -54,12 +63,18 @@ def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
     for sharing in mechanism.sharing:
         groups.join(sharing)
     for coupling in mechanism.couplings:
-        groups.join(owner[name] for name in (coupling.coordinate, *(name for name, _ in coupling.terms)))
+        groups.join(
+            owner[name]
+            for name in (coupling.coordinate, *(name for name, _ in coupling.terms))
+        )
     places = _places_of_effects(mechanism, owner)
     for some in places:
         groups.join(some)
     groups.close_paths([body.parent for body in bodies])
-    number = {root: k for k, root in enumerate(dict.fromkeys(map(groups.find, range(len(bodies)))))}
+    number = {
+        root: k
+        for k, root in enumerate(dict.fromkeys(map(groups.find, range(len(bodies)))))
+    }
     block_of = [number[groups.find(index)] for index in range(len(bodies))]
     members: list[list[int]] = [[] for _ in number]
     carried: list[set[int]] = [set() for _ in number]
@@ -71,18 +86,39 @@ def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
     for k, some in enumerate(places):
         if some:
             effects[block_of[some[0]]].append(k)
-    names = [[n for m in b.joint.motions if m.name not in mechanism.dependent for n in m.velocities] for b in bodies]
+    names = [
+        [
+            n
+            for m in b.joint.motions
+            if m.name not in mechanism.dependent
+            for n in m.velocities
+        ]
+        for b in bodies
+    ]
     return tuple(
-        Block(tuple(inside), tuple(n for i in inside for n in names[i]), tuple(e), tuple(sorted(c)))
+        Block(
+            tuple(inside),
+            tuple(n for i in inside for n in names[i]),
+            tuple(e),
+            tuple(sorted(c)),
+        )
         for inside, e, c in zip(members, effects, carried, strict=True)
     )
 
 
-def _places_of_effects(mechanism: Mechanism, owner: Mapping[str, int]) -> list[list[int]]:
+def _places_of_effects(
+    mechanism: Mechanism, owner: Mapping[str, int]
+) -> list[list[int]]:
     """For every effect, the bodies of the joints whose rows it is in."""
-    drives = {a.name: [name for name, _ in a.terms] for a in mechanism.transmission.actuators}
+    drives = {
+        a.name: [name for name, _ in a.terms] for a in mechanism.transmission.actuators
+    }
     return [
-        [owner[name] for a in effect.actions for name in ([a.at] if a.side is Side.JOINT else drives[a.at])]
+        [
+            owner[name]
+            for a in effect.actions
+            for name in ([a.at] if a.side is Side.JOINT else drives[a.at])
+        ]
         for effect in mechanism.effects
     ]
 
@@ -127,30 +163,51 @@ class BlockRows:
     """Rows in which one block alone moves, restricted to the block's own columns."""
 
     program: Program
-    columns: tuple[tuple[int, ...], ...]  # for every block, the columns of its bodies and effects
+    columns: tuple[
+        tuple[int, ...], ...
+    ]  # for every block, the columns of its bodies and effects
     # for every block, the nodes of its entries in these columns that are not structurally zero
     entries: tuple[Mapping[tuple[int, int], int], ...]
-    carried: tuple[tuple[int, ...], ...]  # for every block, those whose columns its rows contain besides
+    carried: tuple[
+        tuple[int, ...], ...
+    ]  # for every block, those whose columns its rows contain besides
 
     def independent(
-        self, columns: Collection[int], field: PrimeField, rng: np.random.Generator, values: StatedValues | None = None
+        self,
+        columns: Collection[int],
+        field: PrimeField,
+        rng: np.random.Generator,
+        values: StatedValues | None = None,
     ) -> set[int]:
         """Columns proved to be independent of one another and of all others, modulo a prime; none with functions."""
         present = set(columns)
-        chosen = [{key: n for key, n in entries.items() if key[1] in present} for entries in self.entries]
-        owned = [[column for column in columns if column in present] for columns in self.columns]
+        chosen = [
+            {key: n for key, n in entries.items() if key[1] in present}
+            for entries in self.entries
+        ]
+        owned = [
+            [column for column in columns if column in present]
+            for columns in self.columns
+        ]
         nodes = [n for entries in chosen for n in entries.values()]
         if not FieldSampler.suits(self.program, nodes):
             return set()
         sampler = sampler_of(self.program, nodes)
         names = sampler.symbols
-        geometry = values.draw(names, field, rng) if values else {name: field.draw(rng, (1,)) for name in names}
+        geometry = (
+            values.draw(names, field, rng)
+            if values
+            else {name: field.draw(rng, (1,)) for name in names}
+        )
         states = max(map(len, owned), default=0) + _SURPLUS_ROWS
         residues = iter(sampler.evaluate(field, rng, states, geometry)[:, 0])
         full = []
         for entries, own in zip(chosen, owned, strict=True):
             place = {column: k for k, column in enumerate(own)}
-            matrix = np.zeros((states, 1 + max((row for row, _ in entries), default=0), len(own)), dtype=np.int64)
+            matrix = np.zeros(
+                (states, 1 + max((row for row, _ in entries), default=0), len(own)),
+                dtype=np.int64,
+            )
             for row, column in entries:
                 matrix[:, row, place[column]] = next(residues)
             full.append(rank(np.concatenate(matrix), field) == len(own))

@@ -73,31 +73,54 @@ class LinearForms:
     """Rows of coefficients of some parameters, recorded on a program."""
 
     program: Program
-    entries: Mapping[tuple[int, int], int]  # node of every entry that is not structurally zero
+    entries: Mapping[
+        tuple[int, int], int
+    ]  # node of every entry that is not structurally zero
     shape: tuple[int, int]  # numbers of rows and columns
-    loops: Loops | None = None  # what keeps motions on closed configurations, where there are loops
-    blocks: BlockRows | None = None  # combinations of rows, over all columns, that see little at a time
-    values: Mapping[str, str] = field(default_factory=dict)  # stated values of symbols, as exact text
-    whole: LinearForms | None = field(default=None, repr=False, compare=False)  # of which these are some columns
+    loops: Loops | None = (
+        None  # what keeps motions on closed configurations, where there are loops
+    )
+    blocks: BlockRows | None = (
+        None  # combinations of rows, over all columns, that see little at a time
+    )
+    values: Mapping[str, str] = field(
+        default_factory=dict
+    )  # stated values of symbols, as exact text
+    whole: LinearForms | None = field(
+        default=None, repr=False, compare=False
+    )  # of which these are some columns
     # the same columns are asked for again and again, and a schedule costs as much as an evaluation
-    _restricted: dict[tuple[int, ...], LinearForms] = field(init=False, default_factory=dict, repr=False, compare=False)
-    _samplers: list[FieldSampler] = field(init=False, default_factory=list, repr=False, compare=False)
+    _restricted: dict[tuple[int, ...], LinearForms] = field(
+        init=False, default_factory=dict, repr=False, compare=False
+    )
+    _samplers: list[FieldSampler] = field(
+        init=False, default_factory=list, repr=False, compare=False
+    )
 
     def columns(self, keep: Collection[int]) -> LinearForms:
         """The forms restricted to some columns, renumbered in the given order."""
         kept = tuple(keep)
         if kept not in self._restricted:
             position = {column: i for i, column in enumerate(kept)}
-            entries = {(r, position[c]): node for (r, c), node in self.entries.items() if c in position}
+            entries = {
+                (r, position[c]): node
+                for (r, c), node in self.entries.items()
+                if c in position
+            }
             self._restricted[kept] = replace(
-                self, entries=entries, shape=(self.shape[0], len(position)), whole=self.whole or self
+                self,
+                entries=entries,
+                shape=(self.shape[0], len(position)),
+                whole=self.whole or self,
             )
         return self._restricted[kept]
 
     @cached_property
     def rational(self) -> bool:
         """Whether entries are rational functions of what varies, region by region of signs, so that primes do."""
-        return self.loops is None and FieldSampler.suits(self.program, list(self.entries.values()))
+        return self.loops is None and FieldSampler.suits(
+            self.program, list(self.entries.values())
+        )
 
     @cached_property
     def freed(self) -> LinearForms | None:
@@ -106,9 +129,13 @@ class LinearForms:
         Relations between its columns hold for any functions, and so for these.  It may have fewer than these.  The
         regions of its signs are known to be enough: they need not be those of real states.
         """
-        program, outputs = with_free_functions(self.program, list(self.entries.values()))
+        program, outputs = with_free_functions(
+            self.program, list(self.entries.values())
+        )
         entries = dict(zip(self.entries, outputs, strict=True))
-        freed = LinearForms(program, entries, self.shape, self.loops, values=self.values)
+        freed = LinearForms(
+            program, entries, self.shape, self.loops, values=self.values
+        )
         if not freed.rational or (freed.has_signs and freed.points.report.unseen):
             return None
         return freed
@@ -118,8 +145,12 @@ class LinearForms:
         if not self._samplers:
             nodes = list(self.entries.values())
             if not self.rational:
-                raise EchelonError("states of loops and of functions are real ones, and no points of finite fields")
-            self._samplers.append(sampler_of(self.program, nodes, self.points if self.has_signs else None))
+                raise EchelonError(
+                    "states of loops and of functions are real ones, and no points of finite fields"
+                )
+            self._samplers.append(
+                sampler_of(self.program, nodes, self.points if self.has_signs else None)
+            )
         return self._samplers[0]
 
     @cached_property
@@ -133,7 +164,10 @@ class LinearForms:
     @cached_property
     def has_signs(self) -> bool:
         """Whether signs occur in some entry."""
-        return any(self.program.ops[n] in (Op.SIGN, Op.ABS) for n in self.program.needed(self.entries.values()))
+        return any(
+            self.program.ops[n] in (Op.SIGN, Op.ABS)
+            for n in self.program.needed(self.entries.values())
+        )
 
     @cached_property
     def schedule(self) -> StagedSchedule:
@@ -172,7 +206,9 @@ class Rows:
     @property
     def freed(self) -> Rows | None:
         """The same with free variables in the place of functions; see :attr:`LinearForms.freed`."""
-        return None if self.forms.freed is None else Rows(self.forms.freed, self.auxiliary)
+        return (
+            None if self.forms.freed is None else Rows(self.forms.freed, self.auxiliary)
+        )
 
 
 def rows_of(mechanism: Mechanism) -> Rows:
@@ -191,7 +227,9 @@ def column_sums(
     """What a unit of each standard parameter gives, by column, summed over the bodies that share it."""
     total: dict[int, Scalar] = {}
     for index in bodies:
-        for column, kind in enumerate(mechanism.bodies[index].carried, mechanism.first_column.get(index, 0)):
+        for column, kind in enumerate(
+            mechanism.bodies[index].carried, mechanism.first_column.get(index, 0)
+        ):
             if wanted is None or column in wanted:
                 value = unit(index, kind)
                 total[column] = total[column] + value if column in total else value
@@ -200,7 +238,11 @@ def column_sums(
 
 def _row(values: Mapping[int, Scalar], row: int = 0) -> dict[tuple[int, int], int]:
     """The entries of one row that are not structurally zero."""
-    return {(row, column): value.node for column, value in values.items() if not value.is_zero}
+    return {
+        (row, column): value.node
+        for column, value in values.items()
+        if not value.is_zero
+    }
 
 
 def _stated(mechanism: Mechanism) -> dict[str, str]:
@@ -226,11 +268,21 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
     program = Program()
     recorder = Recorder(mechanism, program)
     rates = _all_rates(recorder)
-    energies = {index: _energy_of_body(rates[index]) for index in mechanism.first_column}
+    energies = {
+        index: _energy_of_body(rates[index]) for index in mechanism.first_column
+    }
     sums = column_sums(mechanism, energies, lambda body, kind: energies[body][kind])
-    entries = {(0, 0): program.one.node} | _row({1 + column: energy for column, energy in sums.items()})
+    entries = {(0, 0): program.one.node} | _row(
+        {1 + column: energy for column, energy in sums.items()}
+    )
     loops = recorded_loops(recorder)
-    return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops, values=_stated(mechanism))
+    return LinearForms(
+        program,
+        entries,
+        (1, 1 + len(mechanism.parameters)),
+        loops,
+        values=_stated(mechanism),
+    )
 
 
 def energy_changes(mechanism: Mechanism) -> BlockRows:
@@ -241,30 +293,60 @@ def energy_changes(mechanism: Mechanism) -> BlockRows:
     """
     program = Program()
     recorder = Recorder(mechanism, program)
-    names = (f"q[{n}]" for n in mechanism.positions), (f"qd[{n}]" for n in mechanism.velocities)
-    second = {name: program.input(name.replace("[", "'[", 1)) for some in names for name in some}
+    names = (
+        (f"q[{n}]" for n in mechanism.positions),
+        (f"qd[{n}]" for n in mechanism.velocities),
+    )
+    second = {
+        name: program.input(name.replace("[", "'[", 1))
+        for some in names
+        for name in some
+    }
     moved = Recorder(mechanism, program, second)
-    rates, blocks, first = _all_rates(recorder), blocks_of(mechanism), mechanism.first_column
+    rates, blocks, first = (
+        _all_rates(recorder),
+        blocks_of(mechanism),
+        mechanism.first_column,
+    )
     columns, changes = [], []
     for block in blocks:
         after: dict[int, _Rates] = {}
         differences: dict[int, list[Scalar]] = {}
         for index in block.bodies:
             parent = mechanism.bodies[index].parent
-            after[index] = reduce(_advance, moved.steps(index), after.get(parent, rates[parent]))
+            after[index] = reduce(
+                _advance, moved.steps(index), after.get(parent, rates[parent])
+            )
             if index in first:
-                pairs = zip(_energy_of_body(after[index]), _energy_of_body(rates[index]), strict=True)
+                pairs = zip(
+                    _energy_of_body(after[index]),
+                    _energy_of_body(rates[index]),
+                    strict=True,
+                )
                 differences[index] = [new - old for new, old in pairs]
         # the function is called before the loop goes on
-        sums = column_sums(mechanism, differences, lambda body, kind: differences[body][kind])  # noqa: B023
+        sums = column_sums(
+            mechanism, differences, lambda body, kind: differences[body][kind]
+        )
         columns.append(tuple(sums))
         changes.append(_row(sums))
-    return BlockRows(program, tuple(columns), tuple(changes), tuple(block.carried for block in blocks))
+    return BlockRows(
+        program,
+        tuple(columns),
+        tuple(changes),
+        tuple(block.carried for block in blocks),
+    )
 
 
 def _all_rates(recorder: Recorder) -> dict[int, _Rates]:
-    ground = _Rates(recorder.zeros, recorder.zeros, recorder.gravity(), recorder.program.zero)
-    return forward(recorder.mechanism, ground, lambda rates, index: reduce(_advance, recorder.steps(index), rates))
+    ground = _Rates(
+        recorder.zeros, recorder.zeros, recorder.gravity(), recorder.program.zero
+    )
+    return forward(
+        recorder.mechanism,
+        ground,
+        lambda rates, index: reduce(_advance, recorder.steps(index), rates),
+    )
 
 
 def _advance(rates: _Rates, step: Step) -> _Rates:
@@ -285,7 +367,14 @@ def _energy_of_body(rates: _Rates) -> list[Scalar]:
     wx, wy, wz = rates.angular
     vw = cross(rates.linear, rates.angular)
     first = [vw[k] - rates.gravity[k] for k in range(3)]
-    inertia = [wx * wx * half, wx * wy, wx * wz, wy * wy * half, wy * wz, wz * wz * half]
+    inertia = [
+        wx * wx * half,
+        wx * wy,
+        wx * wz,
+        wy * wy * half,
+        wy * wz,
+        wz * wz * half,
+    ]
     return [*inertia, *first, dot(rates.linear, rates.linear) * half + rates.lift]
 
 
@@ -298,7 +387,9 @@ Wrench = tuple[Vec, Vec]
 """Moment about the frame's origin and force, in the frame's axes."""
 
 
-def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | None = None) -> LinearForms:
+def inverse_dynamics_regressor(
+    mechanism: Mechanism, columns: Sequence[int] | None = None
+) -> LinearForms:
     """Record X with y = X ζ: rows are the mechanism's outputs (N·m or N), columns its parameters or the given ones.
 
     Entries go column by column, which is the order in which intermediate values are soonest done with.  Inputs are
@@ -312,7 +403,9 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
     rows = []
     for output in mechanism.outputs:
         speeds = {output.name: program.one}
-        motion = virtual_motion(mechanism, recorded.probes, speeds, closed.speeds if closed else None)
+        motion = virtual_motion(
+            mechanism, recorded.probes, speeds, closed.speeds if closed else None
+        )
         rows.append(recorded.powers(motion, set(wanted)))
     entries = {
         (row, place): powers[column].node
@@ -335,8 +428,19 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     entries = _row(recorded.powers(motion))
     loops = recorded_loops(recorder, probes, motion.chosen or None)
     many = len(mechanism.parameters) > FEW_COLUMNS
-    blocks = _block_powers(recorded) if many and mechanism.measures_every_force and loops is None else None
-    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks, _stated(mechanism))
+    blocks = (
+        _block_powers(recorded)
+        if many and mechanism.measures_every_force and loops is None
+        else None
+    )
+    return LinearForms(
+        program,
+        entries,
+        (1, len(mechanism.parameters)),
+        loops,
+        blocks,
+        _stated(mechanism),
+    )
 
 
 def _block_powers(recorded: _RecordedPowers) -> BlockRows:
@@ -351,7 +455,9 @@ def _block_powers(recorded: _RecordedPowers) -> BlockRows:
             entries |= _row(recorded.powers(motion, block=block), row)
         columns.append(tuple(recorded.columns_of(block)))
         rows.append(entries)
-    return BlockRows(program, tuple(columns), tuple(rows), tuple(block.carried for block in blocks))
+    return BlockRows(
+        program, tuple(columns), tuple(rows), tuple(block.carried for block in blocks)
+    )
 
 
 def power_form(mechanism: Mechanism) -> LinearForms:
@@ -360,27 +466,44 @@ def power_form(mechanism: Mechanism) -> LinearForms:
     motion = any_motion(mechanism, recorded.recorder, "qd")
     entries = _row(recorded.powers(motion))
     loops = recorded_loops(recorded.recorder)
-    return LinearForms(recorded.program, entries, (1, len(mechanism.parameters)), loops, values=_stated(mechanism))
+    return LinearForms(
+        recorded.program,
+        entries,
+        (1, len(mechanism.parameters)),
+        loops,
+        values=_stated(mechanism),
+    )
 
 
 class _RecordedPowers:
     """A mechanism's motion on a program, and powers in virtual motions."""
 
     def __init__(
-        self, mechanism: Mechanism, program: Program | None = None, given: Mapping[str, Scalar] | None = None
+        self,
+        mechanism: Mechanism,
+        program: Program | None = None,
+        given: Mapping[str, Scalar] | None = None,
     ) -> None:
         self.mechanism, self.program = mechanism, program or Program()
         self.recorder = Recorder(mechanism, self.program, given)
         self.probes = Probes(mechanism, self.recorder)
-        self._steps = {index: self.recorder.steps(index) for index in range(len(mechanism.bodies))}
+        self._steps = {
+            index: self.recorder.steps(index) for index in range(len(mechanism.bodies))
+        }
         accelerations = _all_accelerations(self.recorder, self._steps)
-        self._wrenches = {index: _unit_wrenches(accelerations[index], self.program) for index in mechanism.first_column}
+        self._wrenches = {
+            index: _unit_wrenches(accelerations[index], self.program)
+            for index in mechanism.first_column
+        }
         effects = EffectRecorder(mechanism, self.recorder)
         self._effects = [effects.forces(effect) for effect in mechanism.effects]
         self._first_effect = len(mechanism.parameters) - len(self._effects)
 
     def powers(
-        self, motion: VirtualMotion, wanted: Collection[int] | None = None, block: Block | None = None
+        self,
+        motion: VirtualMotion,
+        wanted: Collection[int] | None = None,
+        block: Block | None = None,
     ) -> dict[int, Scalar]:
         """Power per unit of the wanted standard parameters, by column.
 
@@ -390,7 +513,10 @@ class _RecordedPowers:
         effects = range(len(self._effects)) if block is None else block.effects
         twists = self._twists(motion, bodies)
         found = column_sums(
-            self.mechanism, bodies, lambda body, kind: _power(twists[body], self._wrenches[body][kind]), wanted
+            self.mechanism,
+            bodies,
+            lambda body, kind: _power(twists[body], self._wrenches[body][kind]),
+            wanted,
         )
         for k in effects:
             column = self._first_effect + k
@@ -401,20 +527,35 @@ class _RecordedPowers:
     def _twists(self, motion: VirtualMotion, bodies: Iterable[int]) -> dict[int, Twist]:
         """Virtual twists of some bodies, where those that they hang on and that are not among them are at rest."""
         rest, probes = (self.recorder.zeros, self.recorder.zeros), self.probes
-        twists: dict[int, Twist] = {GROUND: reduce(partial(_moved, motion), probes.steps(GROUND, False), rest)}
+        twists: dict[int, Twist] = {
+            GROUND: reduce(partial(_moved, motion), probes.steps(GROUND, False), rest)
+        }
         for index in bodies:
-            steps = (*probes.steps(index, True), *self._steps[index], *probes.steps(index, False))
+            steps = (
+                *probes.steps(index, True),
+                *self._steps[index],
+                *probes.steps(index, False),
+            )
             parent = self.mechanism.bodies[index].parent
-            twists[index] = reduce(partial(_moved, motion), steps, twists.get(parent, rest))
+            twists[index] = reduce(
+                partial(_moved, motion), steps, twists.get(parent, rest)
+            )
         return twists
 
     def columns_of(self, block: Block) -> list[int]:
         """Columns of a block's bodies and effects."""
         first, bodies = self.mechanism.first_column, self.mechanism.bodies
-        inertial = [first[i] + k for i in block.bodies for k in range(len(bodies[i].carried))]
-        return [*dict.fromkeys(inertial), *(self._first_effect + k for k in block.effects)]
+        inertial = [
+            first[i] + k for i in block.bodies for k in range(len(bodies[i].carried))
+        ]
+        return [
+            *dict.fromkeys(inertial),
+            *(self._first_effect + k for k in block.effects),
+        ]
 
-    def _effect_power(self, forces: Sequence[tuple[Side, str, Scalar]], motion: VirtualMotion) -> Scalar:
+    def _effect_power(
+        self, forces: Sequence[tuple[Side, str, Scalar]], motion: VirtualMotion
+    ) -> Scalar:
         total = self.program.zero
         for side, at, force in forces:
             speeds = motion.freedoms if side is Side.JOINT else motion.drives
@@ -433,7 +574,9 @@ def _moved(motion: VirtualMotion, twist: Twist, step: Step) -> Twist:
     angular, linear = into_frame(step, angular), into_frame(step, linear)
     for freedom in step.freedoms:
         if freedom.name in motion.freedoms:
-            angular = add(angular, scale(freedom.angular, motion.freedoms[freedom.name]))
+            angular = add(
+                angular, scale(freedom.angular, motion.freedoms[freedom.name])
+            )
             linear = add(linear, scale(freedom.linear, motion.freedoms[freedom.name]))
     return angular, linear
 
@@ -454,26 +597,48 @@ class _Accelerations:
     linear: Vec
 
 
-def _all_accelerations(recorder: Recorder, steps: Mapping[int, Sequence[Step]]) -> dict[int, _Accelerations]:
+def _all_accelerations(
+    recorder: Recorder, steps: Mapping[int, Sequence[Step]]
+) -> dict[int, _Accelerations]:
     """Accelerations of every body, by index; the ground has those that gravity stands for."""
     gx, gy, gz = recorder.gravity()
     ground = _Accelerations(recorder.zeros, recorder.zeros, (-gx, -gy, -gz))
-    return forward(recorder.mechanism, ground, lambda now, index: reduce(_accelerated, steps[index], now))
+    return forward(
+        recorder.mechanism,
+        ground,
+        lambda now, index: reduce(_accelerated, steps[index], now),
+    )
 
 
 def _accelerated(now: _Accelerations, step: Step) -> _Accelerations:
     linear = now.linear
     if step.shift is not None:
-        swing = add(cross(now.angular_rate, step.shift), cross(now.angular, cross(now.angular, step.shift)))
+        swing = add(
+            cross(now.angular_rate, step.shift),
+            cross(now.angular, cross(now.angular, step.shift)),
+        )
         linear = add(linear, swing)
     before = into_frame(step, now.angular)
-    angular, angular_rate, linear = before, into_frame(step, now.angular_rate), into_frame(step, linear)
+    angular, angular_rate, linear = (
+        before,
+        into_frame(step, now.angular_rate),
+        into_frame(step, linear),
+    )
     for freedom in step.freedoms:
-        turning, sliding = scale(freedom.angular, freedom.rate), scale(freedom.linear, freedom.rate)
+        turning, sliding = (
+            scale(freedom.angular, freedom.rate),
+            scale(freedom.linear, freedom.rate),
+        )
         angular = add(angular, turning)
-        angular_rate = add(angular_rate, add(cross(before, turning), scale(freedom.angular, freedom.acceleration)))
+        angular_rate = add(
+            angular_rate,
+            add(cross(before, turning), scale(freedom.angular, freedom.acceleration)),
+        )
         coriolis = cross(before, sliding)
-        linear = add(linear, add(add(coriolis, coriolis), scale(freedom.linear, freedom.acceleration)))
+        linear = add(
+            linear,
+            add(add(coriolis, coriolis), scale(freedom.linear, freedom.acceleration)),
+        )
     return _Accelerations(angular, angular_rate, linear)
 
 
@@ -490,7 +655,9 @@ def _unit_wrenches(at: _Accelerations, program: Program) -> list[Wrench]:
     for k in range(3):
         x, y, z = (one if k == axis else zero for axis in range(3))
         unit: Vec = (x, y, z)
-        force = add(cross(at.angular_rate, unit), cross(at.angular, cross(at.angular, unit)))
+        force = add(
+            cross(at.angular_rate, unit), cross(at.angular, cross(at.angular, unit))
+        )
         wrenches.append((cross(unit, at.linear), force))
     wrenches.append((zeros, at.linear))
     return wrenches

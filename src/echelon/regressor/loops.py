@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def recorded_loops(
-    recorder: Recorder, probes: Probes | None = None, chosen: Mapping[str, Scalar] | None = None
+    recorder: Recorder,
+    probes: Probes | None = None,
+    chosen: Mapping[str, Scalar] | None = None,
 ) -> Loops | None:
     """What keeps recorded motions on closed configurations."""
     if not recorder.mechanism.closures:
@@ -33,7 +35,9 @@ def dependent_motion(mechanism: Mechanism, program: Program) -> DependentMotion 
     return DependentMotion(mechanism, program)
 
 
-def assembly_of(mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> Assembly | None:
+def assembly_of(
+    mechanism: Mechanism, symbols: Mapping[str, float] | None = None
+) -> Assembly | None:
     """Closed configurations in double precision."""
     if not mechanism.closures:
         return None

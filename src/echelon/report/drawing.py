@@ -33,7 +33,10 @@ CLASSES = {
 
 Point = tuple[float, float]
 
-WIDTH, LABEL = 940.0, 262.0  # width of the drawing, and of the columns of labels on both sides, px
+WIDTH, LABEL = (
+    940.0,
+    262.0,
+)  # width of the drawing, and of the columns of labels on both sides, px
 
 _ROW = 24.0  # height of a label
 _HEIGHTS = 180.0, 420.0  # of a drawing, if its labels need no more
@@ -50,8 +53,12 @@ class SeenBody:
     index: int  # in ``mechanism.bodies``
     label: str
     name: str
-    cells: tuple[str, ...]  # for XX … M a value of :data:`CLASSES`; empty for what it does not carry
-    parameters: tuple[tuple[str, tuple[str, ...]], ...]  # shape (str, tuple of str): class → names of its parameters
+    cells: tuple[
+        str, ...
+    ]  # for XX … M a value of :data:`CLASSES`; empty for what it does not carry
+    parameters: tuple[
+        tuple[str, tuple[str, ...]], ...
+    ]  # shape (str, tuple of str): class → names of its parameters
 
     @property
     def level(self) -> int:
@@ -71,7 +78,11 @@ class SeenBody:
     def words(self) -> str:
         """All in one sentence."""
         known = {"alone": "alone", "combined": "in combination", "unseen": "not at all"}
-        parts = [f"{known[kind]}: {', '.join(names)}" for kind, names in self.parameters if names]
+        parts = [
+            f"{known[kind]}: {', '.join(names)}"
+            for kind, names in self.parameters
+            if names
+        ]
         return one_line(f"{self.name} (link {self.label}) – {'; '.join(parts)}")
 
 
@@ -96,10 +107,19 @@ def seen_bodies(base: BaseModel) -> list[SeenBody]:
     for index in base.mechanism.carriers:
         body, first = base.mechanism.bodies[index], base.mechanism.first_column[index]
         own = {kind: classes[first + k] for k, kind in enumerate(body.carried)}
-        names = {kind: tuple(f"{PARAMETERS[k]}" for k in own if own[k] == kind) for kind in CLASSES.values()}
+        names = {
+            kind: tuple(f"{PARAMETERS[k]}" for k in own if own[k] == kind)
+            for kind in CLASSES.values()
+        }
         cells = tuple(own.get(k, "") for k in range(PER_BODY))
         found.append(
-            SeenBody(index, body.label, one_line(base.mechanism.carrier_name(index)), cells, tuple(names.items()))
+            SeenBody(
+                index,
+                body.label,
+                one_line(base.mechanism.carrier_name(index)),
+                cells,
+                tuple(names.items()),
+            )
         )
     return found
 
@@ -132,13 +152,33 @@ def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawi
     """A mechanism at a pose as a drawing."""
     ends = _ends(mechanism, pose)
     extent = _extent(np.vstack([pose.origins, *ends.values(), np.zeros((1, 3))]))
-    axes = np.stack([pose.origins - _AXIS * extent * pose.axes, pose.origins + _AXIS * extent * pose.axes], axis=1)
-    stubs = {i: _STUB * extent * ahead(mechanism, i, extent) for i, points in ends.items() if not len(points)}
-    tips = ends | {i: (pose.origins[i] + pose.rotations[i] @ stub)[None] for i, stub in stubs.items()}
-    cloud = np.vstack([np.zeros((1, 3)), pose.origins, axes.reshape(-1, 3), *tips.values()])
+    axes = np.stack(
+        [
+            pose.origins - _AXIS * extent * pose.axes,
+            pose.origins + _AXIS * extent * pose.axes,
+        ],
+        axis=1,
+    )
+    stubs = {
+        i: _STUB * extent * ahead(mechanism, i, extent)
+        for i, points in ends.items()
+        if not len(points)
+    }
+    tips = ends | {
+        i: (pose.origins[i] + pose.rotations[i] @ stub)[None]
+        for i, stub in stubs.items()
+    }
+    cloud = np.vstack(
+        [np.zeros((1, 3)), pose.origins, axes.reshape(-1, 3), *tips.values()]
+    )
     place = _Paper(cloud, pose.up, _ROW * ((len(seen) + 1) // 2) + 2 * _MARGIN)
     height = place.height
-    anchors = {body.index: place(0.5 * (pose.origins[body.index] + tips[body.index].mean(axis=0))) for body in seen}
+    anchors = {
+        body.index: place(
+            0.5 * (pose.origins[body.index] + tips[body.index].mean(axis=0))
+        )
+        for body in seen
+    }
     labels = _labels(anchors, height)
     by_index = {body.index: body for body in seen}
     links = []
@@ -155,7 +195,13 @@ def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawi
         )
     roots = [i for i, body in enumerate(mechanism.bodies) if body.parent == GROUND]
     origin = place(np.zeros(3))
-    return Drawing(WIDTH, height, tuple(links), tuple((origin, place(pose.origins[i])) for i in roots), origin)
+    return Drawing(
+        WIDTH,
+        height,
+        tuple(links),
+        tuple((origin, place(pose.origins[i])) for i in roots),
+        origin,
+    )
 
 
 def _ends(mechanism: Mechanism, pose: Pose) -> dict[int, Floats]:
@@ -176,8 +222,13 @@ def ahead(mechanism: Mechanism, index: int, extent: float) -> Floats:
     """Where a last body, whose length nobody states, goes on in its own frame: a unit vector."""
     # that is as its parent came while all joints are at zero, or as it slides
     body, zero = mechanism.bodies[index], pose_at(mechanism, positions_of(mechanism))
-    direction = zero.origins[index] - (np.zeros(3) if body.parent == GROUND else zero.origins[body.parent])
-    slides = any(motion.kind in (MotionKind.TRANSLATION, MotionKind.SCREW) for motion in body.joint.motions[:1])
+    direction = zero.origins[index] - (
+        np.zeros(3) if body.parent == GROUND else zero.origins[body.parent]
+    )
+    slides = any(
+        motion.kind in (MotionKind.TRANSLATION, MotionKind.SCREW)
+        for motion in body.joint.motions[:1]
+    )
     if slides or np.linalg.norm(direction) < 1e-6 * extent:
         direction = zero.axes[index] if np.linalg.norm(zero.axes[index]) else zero.up
     found: Floats = zero.rotations[index].T @ direction / np.linalg.norm(direction)
@@ -188,21 +239,34 @@ class _Paper:
     """Points in space to points on paper."""
 
     def __init__(self, cloud: Floats, up: Floats, least: float) -> None:
-        self._axes = projection(up, widest_view(cloud / _extent(cloud), up, _ELEVATION), _ELEVATION)
+        self._axes = projection(
+            up, widest_view(cloud / _extent(cloud), up, _ELEVATION), _ELEVATION
+        )
         flat = cloud @ self._axes.T
         low, high = flat.min(axis=0), flat.max(axis=0)
-        width, tall = np.maximum(high - low, 1e-9 * max(float(np.max(high - low)), 1e-300))
+        width, tall = np.maximum(
+            high - low, 1e-9 * max(float(np.max(high - low)), 1e-300)
+        )
         room = WIDTH - 2 * LABEL - 2 * _MARGIN
-        self.height = max(least, float(np.clip(room * tall / width + 2 * _MARGIN, *_HEIGHTS)))
+        self.height = max(
+            least, float(np.clip(room * tall / width + 2 * _MARGIN, *_HEIGHTS))
+        )
         self._scale = float(min(room / width, (self.height - 2 * _MARGIN) / tall))
-        self._middle, self._centre = 0.5 * (low + high), np.array([WIDTH, self.height]) / 2
+        self._middle, self._centre = (
+            0.5 * (low + high),
+            np.array([WIDTH, self.height]) / 2,
+        )
 
     def __call__(self, point: Floats) -> Point:
-        x, y = self._centre + self._scale * np.array([1.0, -1.0]) * (self._axes @ point - self._middle)
+        x, y = self._centre + self._scale * np.array([1.0, -1.0]) * (
+            self._axes @ point - self._middle
+        )
         return float(x), float(y)
 
 
-def _labels(anchors: dict[int, Point], height: float) -> dict[int, tuple[Point, tuple[Point, ...]]]:
+def _labels(
+    anchors: dict[int, Point], height: float
+) -> dict[int, tuple[Point, tuple[Point, ...]]]:
     """Places of labels in two columns, and lines from there: half of the bodies left, by height, without crossings."""
     by_side = sorted(anchors, key=lambda i: (round(anchors[i][0], 3), i))
     half = len(by_side) // 2
@@ -210,10 +274,15 @@ def _labels(anchors: dict[int, Point], height: float) -> dict[int, tuple[Point, 
     for left, some in ((True, by_side[:half]), (False, by_side[half:])):
         # of bodies at one place the outer ones stand above
         order = sorted(some, key=lambda i: (round(anchors[i][1], 3), -i))
-        for index, y in zip(order, _apart([anchors[i][1] for i in order], height), strict=True):
+        for index, y in zip(
+            order, _apart([anchors[i][1] for i in order], height), strict=True
+        ):
             edge = LABEL if left else WIDTH - LABEL
             bend = edge + 12 if left else edge - 12
-            found[index] = ((0.0 if left else WIDTH - LABEL + 6, y), ((edge, y), (bend, y), anchors[index]))
+            found[index] = (
+                (0.0 if left else WIDTH - LABEL + 6, y),
+                ((edge, y), (bend, y), anchors[index]),
+            )
     return found
 
 
@@ -224,7 +293,9 @@ def _apart(wanted: Sequence[float], height: float) -> list[float]:
     for y in wanted:
         placed.append(max(y, placed[-1] + _ROW if placed else low))
     for k in range(len(placed) - 1, -1, -1):
-        placed[k] = min(placed[k], placed[k + 1] - _ROW if k + 1 < len(placed) else high)
+        placed[k] = min(
+            placed[k], placed[k + 1] - _ROW if k + 1 < len(placed) else high
+        )
     return placed
 
 
@@ -255,7 +326,9 @@ def drawable_pose(mechanism: Mechanism) -> Pose | None:
         straight = pose_at(mechanism, positions_of(mechanism))
         if len(mechanism.bodies) < 2:
             return straight if mechanism.bodies else None
-        extent = np.linalg.svd(straight.origins - straight.origins.mean(axis=0), compute_uv=False)
+        extent = np.linalg.svd(
+            straight.origins - straight.origins.mean(axis=0), compute_uv=False
+        )
         if extent[1] < _FLAT * extent[0]:
             return pose_at(mechanism, positions_of(mechanism, _BEND), bent=True)
         return straight
@@ -278,7 +351,10 @@ def positions_of(mechanism: Mechanism, bend: float = 0.0) -> Floats:
 
 def pose_at(mechanism: Mechanism, q: Floats, *, bent: bool = False) -> Pose:
     """Frames of all bodies at positions of shape (positions,); an InputError if a geometry symbol has no value."""
-    symbols = symbol_values(mechanism, sorted({s for body in mechanism.bodies for s in body.joint.symbols()}))
+    symbols = symbol_values(
+        mechanism,
+        sorted({s for body in mechanism.bodies for s in body.joint.symbols()}),
+    )
     frames = Kinematics(mechanism).frames(q[None])
     axes = joint_axes(mechanism, frames[..., :3], symbols)[0]
     return Pose(frames[0, :, :, 3], frames[0, :, :, :3], axes, upward(mechanism), bent)
@@ -287,13 +363,17 @@ def pose_at(mechanism: Mechanism, q: Floats, *, bent: bool = False) -> Pose:
 def upward(mechanism: Mechanism) -> Floats:
     """Unit vector against gravity; z without gravity."""
     entries = mechanism.gravity or ()
-    symbols = symbol_values(mechanism, sorted({s for entry in entries for s in entry.symbols()}))
+    symbols = symbol_values(
+        mechanism, sorted({s for entry in entries for s in entry.symbols()})
+    )
     gravity = np.array([e.at(symbols) for e in entries])
     size = float(np.linalg.norm(gravity))
     return -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def joint_axes(mechanism: Mechanism, rotations: Floats, symbols: Mapping[str, float]) -> Floats:
+def joint_axes(
+    mechanism: Mechanism, rotations: Floats, symbols: Mapping[str, float]
+) -> Floats:
     """Direction of each joint's first freedom, shape (N, bodies, 3), for rotations of all bodies, (N, bodies, 3, 3)."""
     # it is fixed in the parent's frame, behind constant placements; zero for fixed joints
     axes = np.zeros(rotations.shape[:-1])
@@ -301,9 +381,19 @@ def joint_axes(mechanism: Mechanism, rotations: Floats, symbols: Mapping[str, fl
         if body.joint.is_fixed:
             continue
         first, motion = body.joint.steps[0], body.joint.motions[0]
-        frame = placement_matrix(first, symbols)[:3, :3] if isinstance(first, Placement) else np.eye(3)
-        own = frame[:, 0] if motion.kind is MotionKind.BALL else motion.sign * frame[:, motion.axis]
-        axes[:, index] = own if body.parent == GROUND else rotations[:, body.parent] @ own
+        frame = (
+            placement_matrix(first, symbols)[:3, :3]
+            if isinstance(first, Placement)
+            else np.eye(3)
+        )
+        own = (
+            frame[:, 0]
+            if motion.kind is MotionKind.BALL
+            else motion.sign * frame[:, motion.axis]
+        )
+        axes[:, index] = (
+            own if body.parent == GROUND else rotations[:, body.parent] @ own
+        )
     return axes
 
 
@@ -318,7 +408,9 @@ def projection(up: Floats, turn: float, elevation: float) -> Floats:
     """Right and up on paper, as rows, seen from a direction around the vertical that looks down; angles in rad."""
     side, front = sides(up)
     right = np.cos(turn) * side + np.sin(turn) * front
-    return np.stack([right, np.cos(elevation) * up + np.sin(elevation) * np.cross(up, right)])
+    return np.stack(
+        [right, np.cos(elevation) * up + np.sin(elevation) * np.cross(up, right)]
+    )
 
 
 def widest_view(points: Floats, up: Floats, elevation: float) -> float:
@@ -327,6 +419,8 @@ def widest_view(points: Floats, up: Floats, elevation: float) -> float:
     def area(turn: float) -> float:
         flat = points @ projection(up, turn, elevation).T
         values = np.linalg.svd(flat - flat.mean(axis=0), compute_uv=False)
-        return round(float(values[0] * values[1]), 6)  # rounded, so that the view is the same everywhere
+        return round(
+            float(values[0] * values[1]), 6
+        )  # rounded, so that the view is the same everywhere
 
     return max((float(np.pi * (k + 0.25) / _VIEWS) for k in range(_VIEWS)), key=area)

@@ -21,7 +21,12 @@ KINDS = ("pivot", "number", "length", "area", "other")
 """Kinds of coefficients: of the representative, a number, a length, a product of two lengths, anything else."""
 
 _WIDEST = 160  # characters of a closed form in a cell's text
-_CELLS = ((75, 11.0), (160, 7.0), (420, 5.0), (10_000, 3.0))  # columns up to so many: size of a cell, px
+_CELLS = (
+    (75, 11.0),
+    (160, 7.0),
+    (420, 5.0),
+    (10_000, 3.0),
+)  # columns up to so many: size of a cell, px
 _READABLE = 9.0  # size of a cell beside which every row has a name
 
 
@@ -56,25 +61,43 @@ class Picture:
     rows: tuple[Band, ...]
     cells: tuple[Cell, ...]
     row_names: tuple[str, ...]  # representatives; empty where there is no room for them
-    column_names: tuple[str, ...]  # kinds of the columns; empty where there is no room for them
+    column_names: tuple[
+        str, ...
+    ]  # kinds of the columns; empty where there is no room for them
     kinds: Mapping[str, int]  # how many entries of each kind there are
 
 
 def matrix_picture(base: BaseModel) -> Picture:
     """The picture of a model's B."""
     mechanism, matrix = base.mechanism, base.matrix
-    size = next(size for columns, size in _CELLS if len(matrix.parameters) <= columns or columns == _CELLS[-1][0])
+    size = next(
+        size
+        for columns, size in _CELLS
+        if len(matrix.parameters) <= columns or columns == _CELLS[-1][0]
+    )
     cells = []
-    for i, (row, expression) in enumerate(zip(matrix.rows, base.expressions, strict=True)):
+    for i, (row, expression) in enumerate(
+        zip(matrix.rows, base.expressions, strict=True)
+    ):
         pivot, whole = matrix.pivots[i], str(expression)
         whole = whole if len(whole) <= _WIDEST else f"{whole[:_WIDEST]}…"
         for column, coefficient in sorted(row.items()):
-            kind = _kind(coefficient, column == pivot, mechanism.columns[pivot], mechanism.columns[column])
+            kind = _kind(
+                coefficient,
+                column == pivot,
+                mechanism.columns[pivot],
+                mechanism.columns[column],
+            )
             factor = "1" if column == pivot else _factor(coefficient)
             name = one_line(matrix.parameters[column])
-            cells.append(Cell(size * column, size * i, kind, f"{name} × {factor} in {whole}"))
+            cells.append(
+                Cell(size * column, size * i, kind, f"{name} × {factor} in {whole}")
+            )
     readable = size >= _READABLE
-    titles = (one_line(p.name) if p.kind is None else PARAMETERS[p.kind] for p in mechanism.columns)
+    titles = (
+        one_line(p.name) if p.kind is None else PARAMETERS[p.kind]
+        for p in mechanism.columns
+    )
     return Picture(
         size,
         size * len(matrix.parameters),
@@ -93,17 +116,23 @@ def _factor(coefficient: RationalFunction) -> str:
     return ("−" if sign < 0 else "") + (text or "1")
 
 
-def _kind(coefficient: RationalFunction, is_pivot: bool, row: Parameter, column: Parameter) -> str:
+def _kind(
+    coefficient: RationalFunction, is_pivot: bool, row: Parameter, column: Parameter
+) -> str:
     if is_pivot:
         return "pivot"
     if not coefficient.symbols():
         return "number"
     if row.kind is None or column.kind is None:
         return "other"
-    return {1: "length", 2: "area"}.get(row.length_degree - column.length_degree, "other")
+    return {1: "length", 2: "area"}.get(
+        row.length_degree - column.length_degree, "other"
+    )
 
 
-def _bands(mechanism: Mechanism, places: range | tuple[int, ...], size: float) -> tuple[Band, ...]:
+def _bands(
+    mechanism: Mechanism, places: range | tuple[int, ...], size: float
+) -> tuple[Band, ...]:
     """Neighbouring columns, or rows by their representatives, of the same body."""
     bands: list[Band] = []
     start = 0.0
@@ -116,7 +145,9 @@ def _bands(mechanism: Mechanism, places: range | tuple[int, ...], size: float) -
 def _owner(mechanism: Mechanism, body: int | None) -> tuple[str, str]:
     if body is None:
         return "effects: friction, drives, springs", "effects"
-    return one_line(mechanism.carrier_name(body)), one_line(mechanism.bodies[body].label)
+    return one_line(mechanism.carrier_name(body)), one_line(
+        mechanism.bodies[body].label
+    )
 
 
 @dataclass(frozen=True)
@@ -126,8 +157,12 @@ class Merging:
     name: str
     label: str
     alone: tuple[str, ...]  # identifiable alone
-    absorbs: tuple[str, ...]  # bodies whose parameters are parts of base parameters that this body represents
-    absorbed: tuple[str, ...]  # bodies that represent base parameters which this body's parameters are part of
+    absorbs: tuple[
+        str, ...
+    ]  # bodies whose parameters are parts of base parameters that this body represents
+    absorbed: tuple[
+        str, ...
+    ]  # bodies that represent base parameters which this body's parameters are part of
     unseen: tuple[str, ...]  # parameters in no base parameter
 
 

@@ -68,13 +68,19 @@ def with_uncertainty(value: float, std: float) -> tuple[str, str]:
     """
     if _special(value) is not None or not isfinite(std) or std <= 0:
         return significant(value), significant(std, 2)
-    place = 1 - _exponent(std, 2)  # decimals that remain; negative for tens and hundreds
+    place = 1 - _exponent(
+        std, 2
+    )  # decimals that remain; negative for tens and hundreds
     exponent = max(_exponent(value, 17) if value else -place, 1 - place)
     if exponent > _LARGEST or exponent < _SMALLEST:
         decimals = max(exponent + place, 0)
-        return _scientific(value, exponent, decimals), _scientific(std, exponent, decimals)
+        return _scientific(value, exponent, decimals), _scientific(
+            std, exponent, decimals
+        )
     decimals = max(place, 0)
-    return tuple(_signed(f"{round(number, place):.{decimals}f}") for number in (value, std))  # type: ignore[return-value]
+    return tuple(
+        _signed(f"{round(number, place):.{decimals}f}") for number in (value, std)
+    )  # type: ignore[return-value]
 
 
 def to_place(value: float, std: float) -> str:
@@ -121,7 +127,12 @@ def _exponent(value: float, digits: int) -> int:
 
 def _scientific(value: float, exponent: int, decimals: int) -> str:
     # scaled in text, because 10.0**exponent overflows where the value does not
-    scaled = float(f"{value:.16e}".partition("e")[0]) * 10.0 ** (_exponent(value, 17) - exponent) if value else 0.0
+    scaled = (
+        float(f"{value:.16e}".partition("e")[0])
+        * 10.0 ** (_exponent(value, 17) - exponent)
+        if value
+        else 0.0
+    )
     return f"{_signed(f'{scaled:.{decimals}f}')}×10{str(exponent).translate(_SUPERSCRIPTS)}"
 
 
@@ -201,11 +212,15 @@ class ClosedForms:
         text = str(expression)
         start = ""
         if len(text) > _LONG and len(expression.groups) > 1:
-            start = closed_form(replace(expression, groups=expression.groups[:_GROUPS]), self.style)
+            start = closed_form(
+                replace(expression, groups=expression.groups[:_GROUPS]), self.style
+            )
             if len(expression.groups) <= _GROUPS:
                 start = self.style.parameter(expression.name)
         terms = sum(len(group.parameters) for group in expression.groups)
-        return ClosedForm(trusted(closed_form(expression, self.style)), text, trusted(start), terms)
+        return ClosedForm(
+            trusted(closed_form(expression, self.style)), text, trusted(start), terms
+        )
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -228,16 +243,42 @@ Context = dict[str, Any]  # what a template shows
 
 
 def html_page(
-    title: str, prefix: str, titles: Mapping[str, str], contexts: Mapping[str, Context], data: Any, **page: Any
+    title: str,
+    prefix: str,
+    titles: Mapping[str, str],
+    contexts: Mapping[str, Context],
+    data: Any,
+    **page: Any,
 ) -> str:
     """A page as text: a header, and a section by each key of ``titles``, from templates ``PREFIX + KEY``."""
-    html = {key: render(f"{prefix}{key}.html.j2", context) for key, context in contexts.items()}
-    sections = [{"key": key, "title": text, "html": html[key]} for key, text in titles.items()]
-    shown = {"title": title, "header": html["header"], "sections": sections, "version": __version__, **page}
-    return str(render("page.html.j2", {**shown, "data": script_safe(data), "plotly": plotly_source()})) + "\n"
+    html = {
+        key: render(f"{prefix}{key}.html.j2", context)
+        for key, context in contexts.items()
+    }
+    sections = [
+        {"key": key, "title": text, "html": html[key]} for key, text in titles.items()
+    ]
+    shown = {
+        "title": title,
+        "header": html["header"],
+        "sections": sections,
+        "version": __version__,
+        **page,
+    }
+    return (
+        str(
+            render(
+                "page.html.j2",
+                {**shown, "data": script_safe(data), "plotly": plotly_source()},
+            )
+        )
+        + "\n"
+    )
 
 
-def render(template: str, context: Mapping[str, Any], folder: Path = TEMPLATES) -> Markup:
+def render(
+    template: str, context: Mapping[str, Any], folder: Path = TEMPLATES
+) -> Markup:
     """A template with its names filled in, as safe HTML; one of a folder may include those of reports."""
     return trusted(_environment(folder).get_template(template).render(context))
 
@@ -254,7 +295,9 @@ def plotly_source() -> Markup:
     with extra("identify"):
         from plotly.offline import get_plotlyjs
     # neither text occurs outside of string literals, where a backslash before / or ! changes nothing
-    return trusted(get_plotlyjs().replace("</script", "<\\/script").replace("<!--", "<\\!--"))
+    return trusted(
+        get_plotlyjs().replace("</script", "<\\/script").replace("<!--", "<\\!--")
+    )
 
 
 def script_safe(data: Any) -> str:
@@ -266,7 +309,9 @@ def script_safe(data: Any) -> str:
 def packed(values: npt.ArrayLike) -> str:
     """An array for a script: row-major, little endian, in base 64."""
     with np.errstate(over="ignore"):
-        return b64encode(np.asarray(values, dtype=float).astype("<f4").tobytes()).decode("ascii")
+        return b64encode(
+            np.asarray(values, dtype=float).astype("<f4").tobytes()
+        ).decode("ascii")
 
 
 @cache

@@ -93,16 +93,31 @@ def preview_html(found: ExcitingTrajectory) -> str:
         "showing": _showing(found),
         "starts": _starts(found),
         "settings": {
-            "repeat": json.dumps(plain_data(found.settings, "none"), indent=2, ensure_ascii=False, default=str)
+            "repeat": json.dumps(
+                plain_data(found.settings, "none"),
+                indent=2,
+                ensure_ascii=False,
+                default=str,
+            )
         },
     }
-    seen = [(time, condition) for time, condition in found.conditioning.over_time if isfinite(condition)]
+    seen = [
+        (time, condition)
+        for time, condition in found.conditioning.over_time
+        if isfinite(condition)
+    ]
     data = {
         "robot": pictures,
         "motion": _signals(found),
         "distance": _distance(found),
-        "conditioning": {"time": [time for time, _ in seen], "condition": [condition for _, condition in seen]},
-        "starts": [{"number": s.number, "history": [v for v in s.history if isfinite(v)]} for s in found.starts],
+        "conditioning": {
+            "time": [time for time, _ in seen],
+            "condition": [condition for _, condition in seen],
+        },
+        "starts": [
+            {"number": s.number, "history": [v for v in s.history if isfinite(v)]}
+            for s in found.starts
+        ],
     }
     return html_page(
         f"Exciting trajectory of {one_line(found.base.mechanism.name)}",
@@ -121,7 +136,9 @@ def _header(found: ExcitingTrajectory) -> Context:
     conditioning = found.conditioning
     return {
         "robot": found.base.mechanism.name,
-        "verdict": verdict(found.margins, any(f.text.startswith(UNCHECKED) for f in found.findings)),
+        "verdict": verdict(
+            found.margins, any(f.text.startswith(UNCHECKED) for f in found.findings)
+        ),
         "safe": found.safe and bool(found.margins),
         "broken": [margin for margin in found.margins if not margin.kept],
         "active": found.active,
@@ -129,12 +146,18 @@ def _header(found: ExcitingTrajectory) -> Context:
         "blind": not isfinite(conditioning.condition),
         **findings_of(found.findings),
         "criterion": CRITERIA.get(found.criterion, found.criterion),
-        "held": [(name, significant(position)) for name, position in found.held.items()],
+        "held": [
+            (name, significant(position)) for name, position in found.held.items()
+        ],
         "moving": found.trajectory.coordinates,
         "facts": [
             ("duration", significant(found.trajectory.duration), "s"),
             ("condition number", significant(conditioning.condition), ""),
-            ("condition number, columns of norm 1", significant(conditioning.scaled_condition), ""),
+            (
+                "condition number, columns of norm 1",
+                significant(conditioning.scaled_condition),
+                "",
+            ),
             ("log det of the information", significant(conditioning.log_det), ""),
             ("base parameters", str(found.base.rank), ""),
         ],
@@ -161,8 +184,15 @@ def verdict(margins: tuple[Margin, ...], unchecked: bool = False) -> str:
 def _motion(found: ExcitingTrajectory) -> Context:
     """Coordinates, and those of their quantities that have no limit."""
     labels = {margin.label for margin in found.margins}
-    quantities = [_quantity(name, order) for name in found.trajectory.coordinates for order in range(_PLOTTED)]
-    return {"coordinates": found.trajectory.coordinates, "free": [label for label in quantities if label not in labels]}
+    quantities = [
+        _quantity(name, order)
+        for name in found.trajectory.coordinates
+        for order in range(_PLOTTED)
+    ]
+    return {
+        "coordinates": found.trajectory.coordinates,
+        "free": [label for label in quantities if label not in labels],
+    }
 
 
 def _quantity(coordinate: str, order: int) -> str:
@@ -178,7 +208,13 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
     time = np.linspace(0.0, trajectory.duration, samples)
     values = [trajectory(time, order) for order in range(_PLOTTED)]
     ends = {margin.label: (margin.low, margin.high) for margin in found.margins}
-    buckets = int(np.clip(_BYTES / (2 * _PER_SAMPLE * _PLOTTED * max(len(trajectory.coordinates), 1)), 50, _MOST))
+    buckets = int(
+        np.clip(
+            _BYTES / (2 * _PER_SAMPLE * _PLOTTED * max(len(trajectory.coordinates), 1)),
+            50,
+            _MOST,
+        )
+    )
 
     def signal(k: int, order: int) -> dict[str, Any]:
         kept = envelope(time, values[order][:, k], buckets)
@@ -192,10 +228,17 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
         }
 
     coordinates = [
-        {"name": one_line(name), "orders": [signal(k, order) for order in range(_PLOTTED)]}
+        {
+            "name": one_line(name),
+            "orders": [signal(k, order) for order in range(_PLOTTED)],
+        }
         for k, name in enumerate(trajectory.coordinates)
     ]
-    return {"duration": trajectory.duration, "titles": list(ORDERS[:_PLOTTED]), "coordinates": coordinates}
+    return {
+        "duration": trajectory.duration,
+        "titles": list(ORDERS[:_PLOTTED]),
+        "coordinates": coordinates,
+    }
 
 
 def _distance(found: ExcitingTrajectory) -> dict[str, Any] | None:
@@ -204,13 +247,20 @@ def _distance(found: ExcitingTrajectory) -> dict[str, Any] | None:
     if close is None:
         return None
     names = [one_line(label.removeprefix("distance of ")) for label in close.nearest]
-    return {"time": packed(close.time), "distance": packed(close.distance), "nearest": names}
+    return {
+        "time": packed(close.time),
+        "distance": packed(close.distance),
+        "nearest": names,
+    }
 
 
 def _limits(found: ExcitingTrajectory) -> Context:
     """What every limit allows, what the trajectory reaches, and the room between, the least room first."""
     rows = sorted((_limit(margin) for margin in found.margins), key=_urgency)
-    counts = {state: sum(row["state"] == state for row in rows) for state in ("broken", "active", "kept")}
+    counts = {
+        state: sum(row["state"] == state for row in rows)
+        for state in ("broken", "active", "kept")
+    }
     checked = found.closeness is not None
     return {
         "distances": checked,
@@ -225,7 +275,13 @@ def _limit(margin: Margin) -> Context:
     """One limit, with what is reached in per cent of the width of a picture in which the limits stand at 10 and 90."""
     state = "active" if margin.active else "kept" if margin.kept else "broken"
     left, right = (_place(margin, value) for value in (margin.least, margin.largest))
-    return {"margin": margin, "state": state, "percent": 100 * margin.relative, "left": left, "width": right - left}
+    return {
+        "margin": margin,
+        "state": state,
+        "percent": 100 * margin.relative,
+        "left": left,
+        "width": right - left,
+    }
 
 
 def _urgency(row: Context) -> tuple[int, float]:
@@ -251,14 +307,26 @@ def _showing(found: ExcitingTrajectory) -> Context:
         values: list[float | None] = base.values().tolist()
     except InputError:  # the file states no inertia, or a length has no value
         values = [None] * base.rank
-    each = zip(ClosedForms(base).all(), base.units, conditioning.std, values, strict=True)
-    rows = [{"form": form, "unit": unit, **_expected(std, value)} for form, unit, std, value in each]
+    each = zip(
+        ClosedForms(base).all(), base.units, conditioning.std, values, strict=True
+    )
+    rows = [
+        {"form": form, "unit": unit, **_expected(std, value)}
+        for form, unit, std, value in each
+    ]
     return {
         "shown": conditioning,
         "rows": rows,
         "known": any(value is not None for value in values),
         "vague": sum(row["vague"] for row in rows),
-        "singular": max((time for time, condition in conditioning.over_time if not isfinite(condition)), default=0.0),
+        "singular": max(
+            (
+                time
+                for time, condition in conditioning.over_time
+                if not isfinite(condition)
+            ),
+            default=0.0,
+        ),
         "noise": _noise(found),
     }
 
@@ -266,7 +334,12 @@ def _showing(found: ExcitingTrajectory) -> Context:
 def _expected(std: float, value: float | None) -> Context:
     """A deviation, SI units, beside the value of the robot file, also in per cent of it."""
     percent = None if value is None else 100 * std / abs(value) if value else inf
-    return {"std": std, "value": value, "percent": percent, "vague": percent is not None and not percent <= _VAGUE}
+    return {
+        "std": std,
+        "value": value,
+        "percent": percent,
+        "vague": percent is not None and not percent <= _VAGUE,
+    }
 
 
 def _noise(found: ExcitingTrajectory) -> str:
@@ -275,8 +348,12 @@ def _noise(found: ExcitingTrajectory) -> str:
     noise = section.get("noise") if isinstance(section, Mapping) else None
     if not isinstance(noise, Mapping):
         return ""
-    parts = [f"{significant(float(value), 3)} ({name})" for name, value in noise.items()]
-    return ", ".join(part.removesuffix(" (all)") if len(parts) == 1 else part for part in parts)
+    parts = [
+        f"{significant(float(value), 3)} ({name})" for name, value in noise.items()
+    ]
+    return ", ".join(
+        part.removesuffix(" (all)") if len(parts) == 1 else part for part in parts
+    )
 
 
 def _starts(found: ExcitingTrajectory) -> Context:
@@ -295,7 +372,10 @@ def _starts(found: ExcitingTrajectory) -> Context:
 
 _RATE = 30.0  # pictures per second; fewer where a page would become too large.  Between them a script interpolates
 _PICTURE_BYTES = 500_000  # of all pictures together, about
-_NUMBERS, _PER_NUMBER = 10, 4 * 4 / 3  # of a body in a picture, and bytes of each in base 64
+_NUMBERS, _PER_NUMBER = (
+    10,
+    4 * 4 / 3,
+)  # of a body in a picture, and bytes of each in base 64
 _STUB = 0.12  # length of a last body, of the robot's extent
 _STILL = 1e-9  # of the robot's extent, and rad, below which a body counts as not moving
 ELEVATION = 0.4  # how far the view looks down, rad
@@ -330,11 +410,31 @@ def scene(found: ExcitingTrajectory) -> Scene:
     carriers = {body.parent for body in mechanism.bodies}
     last = tuple(i for i in range(len(mechanism.bodies)) if i not in carriers)
     ends = [_STUB * extent * ahead(mechanism, i, extent) for i in last]
-    tips = np.stack([origins[:, i] + rotations[:, i] @ end for i, end in zip(last, ends, strict=True)], axis=1)
-    moved = np.ptp(origins, axis=0).max(axis=1) / extent + np.ptp(rotations, axis=0).max(axis=(1, 2))
+    tips = np.stack(
+        [
+            origins[:, i] + rotations[:, i] @ end
+            for i, end in zip(last, ends, strict=True)
+        ],
+        axis=1,
+    )
+    moved = np.ptp(origins, axis=0).max(axis=1) / extent + np.ptp(
+        rotations, axis=0
+    ).max(axis=(1, 2))
     axes = joint_axes(mechanism, rotations, known_values(mechanism))
     q, qd = trajectory(time), trajectory(time, 1)
-    return Scene(mechanism, time, q, qd, origins, axes, tips, last, moved < _STILL, upward(mechanism), extent)
+    return Scene(
+        mechanism,
+        time,
+        q,
+        qd,
+        origins,
+        axes,
+        tips,
+        last,
+        moved < _STILL,
+        upward(mechanism),
+        extent,
+    )
 
 
 def _positions(found: ExcitingTrajectory, time: Floats) -> Floats:
@@ -360,11 +460,19 @@ def _context(found: ExcitingTrajectory, view: Scene) -> Context:
     lowest = int(heights.min(axis=0).argmin())
     return {
         "problem": "",
-        "below": max(-float(heights.min()), 0.0) if heights.min() < -1e-6 * view.extent else 0.0,
+        "below": max(-float(heights.min()), 0.0)
+        if heights.min() < -1e-6 * view.extent
+        else 0.0,
         "lowest": view.mechanism.bodies[lowest].name,
-        "still": [body.name for body, still in zip(view.mechanism.bodies, view.still, strict=True) if still],
+        "still": [
+            body.name
+            for body, still in zip(view.mechanism.bodies, view.still, strict=True)
+            if still
+        ],
         "floats": not view.mechanism.gravity,
-        "coordinates": list(zip(found.trajectory.coordinates, found.trajectory.units, strict=True)),
+        "coordinates": list(
+            zip(found.trajectory.coordinates, found.trajectory.units, strict=True)
+        ),
     }
 
 
@@ -377,12 +485,24 @@ def _pictures(found: ExcitingTrajectory, view: Scene) -> dict[str, Any]:
             "still": bool(still),
             "last": view.last.index(i) if i in view.last else None,
         }
-        for i, (body, still) in enumerate(zip(view.mechanism.bodies, view.still, strict=True))
+        for i, (body, still) in enumerate(
+            zip(view.mechanism.bodies, view.still, strict=True)
+        )
     ]
-    points = np.vstack([view.origins.reshape(-1, 3), view.tips.reshape(-1, 3), np.zeros((1, 3))])
-    arrays = {name: packed(getattr(view, name)) for name in ("origins", "axes", "tips", "q", "qd")}
+    points = np.vstack(
+        [view.origins.reshape(-1, 3), view.tips.reshape(-1, 3), np.zeros((1, 3))]
+    )
+    arrays = {
+        name: packed(getattr(view, name))
+        for name in ("origins", "axes", "tips", "q", "qd")
+    }
     obstacles = [
-        {"name": one_line(shape.name), "curves": [curve.round(4).tolist() for curve in outline(shape, view.extent)]}
+        {
+            "name": one_line(shape.name),
+            "curves": [
+                curve.round(4).tolist() for curve in outline(shape, view.extent)
+            ],
+        }
         for shape in found.obstacles
     ]
     return {
@@ -410,4 +530,6 @@ def _kind(body: Body) -> str:
     kinds = [motion.kind for motion in body.joint.motions]
     if not kinds:
         return "fixed"
-    return {MotionKind.TRANSLATION: "slide", MotionKind.SCREW: "screw"}.get(kinds[0], "turn")
+    return {MotionKind.TRANSLATION: "slide", MotionKind.SCREW: "screw"}.get(
+        kinds[0], "turn"
+    )

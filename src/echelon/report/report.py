@@ -24,7 +24,13 @@ from echelon.logs.preparation.prepare import Preparation
 from echelon.mechanism.mechanism import Mechanism
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
-from echelon.report.page import ClosedForms, Context, html_page, to_place, with_uncertainty
+from echelon.report.page import (
+    ClosedForms,
+    Context,
+    html_page,
+    to_place,
+    with_uncertainty,
+)
 from echelon.report.signals import buckets_for, outputs_of, payload
 
 TITLES = {
@@ -92,7 +98,10 @@ def report_html(identification: Identification) -> str:
         "residuals": {"outputs": _outputs(identification), "open": _OPEN},
         "conditioning": conditioning(identification),
         "links": seen_links(identification.base),
-        "structure": {"picture": matrix_picture(identification.base), "mergings": mergings(identification.base)},
+        "structure": {
+            "picture": matrix_picture(identification.base),
+            "mergings": mergings(identification.base),
+        },
         "physics": physics(identification),
         "preparation": _preparation(identification),
     }
@@ -110,8 +119,13 @@ def report_html(identification: Identification) -> str:
 
 def findings_of(findings: tuple[Finding, ...]) -> Context:
     """Findings, warnings first, and how many of these there are."""
-    ordered = sorted(findings, key=lambda finding: finding.severity is not Severity.WARNING)
-    return {"findings": ordered, "warnings": sum(finding.severity is Severity.WARNING for finding in findings)}
+    ordered = sorted(
+        findings, key=lambda finding: finding.severity is not Severity.WARNING
+    )
+    return {
+        "findings": ordered,
+        "warnings": sum(finding.severity is Severity.WARNING for finding in findings),
+    }
 
 
 def _header(run: Identification) -> Context:
@@ -138,15 +152,30 @@ def _summary(run: Identification) -> Context:
     tables = []
     together = [v for v in run.pooled if v not in run.validations]
     every = [*together, *run.validations]
-    for validation in sorted(every, key=lambda v: v.role != "validation"):  # unseen data say more
-        beside = {"prior": validation.prior_scores, "no friction": validation.plain_scores}
+    for validation in sorted(
+        every, key=lambda v: v.role != "validation"
+    ):  # unseen data say more
+        beside = {
+            "prior": validation.prior_scores,
+            "no friction": validation.plain_scores,
+        }
         models = {name: scores for name, scores in beside.items() if scores}
         rows = [
             _scored(score, [scores[k] for scores in models.values()], "prior" in models)
             for k, score in enumerate(validation.scores)
         ]
-        tables.append({"validation": validation, "rows": rows, "beside": list(models), "prior": "prior" in models})
-    return {"tables": tables, "unseen": any(v.role == "validation" for v in run.validations)}
+        tables.append(
+            {
+                "validation": validation,
+                "rows": rows,
+                "beside": list(models),
+                "prior": "prior" in models,
+            }
+        )
+    return {
+        "tables": tables,
+        "unseen": any(v.role == "validation" for v in run.validations),
+    }
 
 
 def _scored(score: Score, beside: Sequence[Score], has_prior: bool) -> Context:
@@ -159,9 +188,21 @@ def _scored(score: Score, beside: Sequence[Score], has_prior: bool) -> Context:
     against = ""
     if prior is not None and isfinite(prior.rms) and isfinite(score.rms):
         gain = score.rms - prior.rms
-        against = "equal" if abs(gain) <= _SAME * prior.rms else "better" if gain < 0 else "worse"
+        against = (
+            "equal"
+            if abs(gain) <= _SAME * prior.rms
+            else "better"
+            if gain < 0
+            else "worse"
+        )
     bar = 100 * min(max(score.r2, 0.0), 1.0) if isfinite(score.r2) else 0.0
-    return {"score": score, "beside": beside, "against": against, "remarks": remarks, "bar": bar}
+    return {
+        "score": score,
+        "beside": beside,
+        "against": against,
+        "remarks": remarks,
+        "bar": bar,
+    }
 
 
 def _outputs(run: Identification) -> list[dict[str, str]]:
@@ -172,8 +213,19 @@ def _traces(run: Identification) -> Context:
     """Measured against predicted, every output over time."""
     traces = [trace for validation in run.validations for trace in validation.traces]
     return {
-        "logs": [{"number": i, "source": v.source, "role": v.role} for i, v in enumerate(run.validations) if v.traces],
-        "selected": next((i for i, v in enumerate(run.validations) if v.role == "validation" and v.traces), 0),
+        "logs": [
+            {"number": i, "source": v.source, "role": v.role}
+            for i, v in enumerate(run.validations)
+            if v.traces
+        ],
+        "selected": next(
+            (
+                i
+                for i, v in enumerate(run.validations)
+                if v.role == "validation" and v.traces
+            ),
+            0,
+        ),
         "outputs": _outputs(run),
         "open": _OPEN,
         "buckets": buckets_for(run.validations),
@@ -186,7 +238,11 @@ def _preparation(run: Identification) -> Context:
     """Every setting with its reason, and what is needed to repeat the run."""
     return {
         "ranges": run.ranges if run.validations else (),
-        "settings": [_setting(run.preparation, name) for name in Preparation.model_fields if name != "reasons"],
+        "settings": [
+            _setting(run.preparation, name)
+            for name in Preparation.model_fields
+            if name != "reasons"
+        ],
         "diagnostics": _json(run.estimate.diagnostics),
         "repeat": _json(run.settings),
         "certificate": str(run.base.certificate),
@@ -197,7 +253,12 @@ def _preparation(run: Identification) -> Context:
 def _setting(preparation: Preparation, name: str) -> dict[str, str]:
     title, unit = _SETTINGS.get(name, (name.replace("_", " "), ""))
     value = _in_words(getattr(preparation, name), unit)
-    return {"key": name, "title": title, "value": value, "reason": preparation.reasons.get(name, "")}
+    return {
+        "key": name,
+        "title": title,
+        "value": value,
+        "reason": preparation.reasons.get(name, ""),
+    }
 
 
 def _in_words(value: Any, unit: str) -> str:
@@ -206,7 +267,9 @@ def _in_words(value: Any, unit: str) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {_in_words(part, unit)}" for name, part in value.items())
+        return ", ".join(
+            f"{name}: {_in_words(part, unit)}" for name, part in value.items()
+        )
     if isinstance(value, tuple | list):
         return ", ".join(_in_words(part, unit) for part in value)
     if isinstance(value, float):
@@ -222,7 +285,13 @@ def _json(value: Any) -> str:
 
 _LEVEL = 0.95
 _VAGUE = 30.0  # per cent of its value beyond which a deviation is remarked
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 900.0, 220.0, 64.0, 34.0, 12.0  # of the plot of singular values, px
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = (
+    900.0,
+    220.0,
+    64.0,
+    34.0,
+    12.0,
+)  # of the plot of singular values, px
 _WIDEST = 36.0  # of a bar, px
 _DECADES = 16  # that are drawn at most; smaller singular values stand at the bottom
 _MOST_MOVED = 8  # base parameters that move most and are listed
@@ -232,12 +301,17 @@ _ROUNDING = 1e-12  # of the largest moment of inertia
 def parameters(run: Identification) -> Context:
     """Every base parameter in closed form, its value and its uncertainty; numbers have a text and a key to sort by."""
     others = _other_values(run)
-    rows = [_row(run, k, form, [values for _, values in others]) for k, form in enumerate(ClosedForms(run.base).all())]
+    rows = [
+        _row(run, k, form, [values for _, values in others])
+        for k, form in enumerate(ClosedForms(run.base).all())
+    ]
     return {
         "rows": rows,
         "others": [name for name, _ in others],
         "level": f"{100 * _LEVEL:g}",
-        "essential": None if run.essential is None else sum(row["essential"] for row in rows),
+        "essential": None
+        if run.essential is None
+        else sum(row["essential"] for row in rows),
         "predict_with": run.predict_with,
         "method": run.estimate.method,
     }
@@ -257,11 +331,17 @@ def _other_values(run: Identification) -> list[tuple[str, Any]]:
 
 def _row(run: Identification, k: int, form: Any, others: list[Any]) -> Context:
     estimate = run.estimate
-    value, std, relative = float(estimate.values[k]), float(estimate.std[k]), float(estimate.relative_std[k])
+    value, std, relative = (
+        float(estimate.values[k]),
+        float(estimate.std[k]),
+        float(estimate.relative_std[k]),
+    )
     low, high = (float(end) for end in estimate.interval(_LEVEL)[k])
     text, deviation = with_uncertainty(value, std)
     with np.errstate(divide="ignore", invalid="ignore"):
-        apart = [float(np.divide(abs(float(values[k]) - value), std)) for values in others]
+        apart = [
+            float(np.divide(abs(float(values[k]) - value), std)) for values in others
+        ]
     return {
         "form": form,
         "unit": estimate.units[k],
@@ -271,8 +351,13 @@ def _row(run: Identification, k: int, form: Any, others: list[Any]) -> Context:
         "high": to_place(high, std),
         "relative": relative,
         "independent_share": float(run.conditioning.independent_share[k]),
-        "essential": None if run.essential is None else bool(run.essential.values[k] != 0),
-        "others": [{"text": to_place(float(values[k]), std), "key": float(values[k])} for values in others],
+        "essential": None
+        if run.essential is None
+        else bool(run.essential.values[k] != 0),
+        "others": [
+            {"text": to_place(float(values[k]), std), "key": float(values[k])}
+            for values in others
+        ],
         "deviations": apart,  # of the others, in standard deviations
         "vague": not relative <= _VAGUE,
     }
@@ -289,7 +374,12 @@ def conditioning(run: Identification) -> Context:
         }
         for direction in run.conditioning.weak
     ]
-    return {"conditioning": run.conditioning, "total": run.base.rank, "weak": weak, "plot": _plot(run)}
+    return {
+        "conditioning": run.conditioning,
+        "total": run.base.rank,
+        "weak": weak,
+        "plot": _plot(run),
+    }
 
 
 def _plot(run: Identification) -> Context | None:
@@ -304,15 +394,28 @@ def _plot(run: Identification) -> Context | None:
     step = (right - _LEFT) / len(values)
 
     def height(value: float) -> float:
-        return room * min(max((log10(value) - low) / (high - low), 0.01), 1.0) if value > 0 else 0.0
+        return (
+            room * min(max((log10(value) - low) / (high - low), 0.01), 1.0)
+            if value > 0
+            else 0.0
+        )
 
     rank = run.conditioning.rank
     bars = [
-        {"x": _LEFT + step * k, "y": _TOP + room - height(v), "height": height(v), "value": v, "seen": k < rank}
+        {
+            "x": _LEFT + step * k,
+            "y": _TOP + room - height(v),
+            "height": height(v),
+            "value": v,
+            "seen": k < rank,
+        }
         for k, v in enumerate(values.tolist())
     ]
     every = max(1, ceil((high - low) / 6))
-    ticks = [{"y": _TOP + room * (high - k) / (high - low), "exponent": k} for k in range(high, low - 1, -every)]
+    ticks = [
+        {"y": _TOP + room * (high - k) / (high - low), "exponent": k}
+        for k in range(high, low - 1, -every)
+    ]
     return {
         "width": _WIDTH,
         "height": _HEIGHT,
@@ -336,7 +439,9 @@ def physics(run: Identification) -> Context:
         "moved": [] if feasibility is None else _moved(run, feasibility),
         "bodies": [] if fit is None else _bodies(run.base.mechanism, fit),
         "effects": [] if fit is None else _effects(run, fit),
-        "excess": 100 * (fit.misfit / least - 1) if fit is not None and least > 0 else None,
+        "excess": 100 * (fit.misfit / least - 1)
+        if fit is not None and least > 0
+        else None,
         "used": run.predict_with == "physical",
     }
 
@@ -347,7 +452,11 @@ def _moved(run: Identification, feasibility: Feasibility) -> list[Context]:
         return []
     with np.errstate(divide="ignore", invalid="ignore"):
         shift = (feasibility.nearest - run.estimate.values) / run.estimate.std
-    order = [k for k in np.argsort(-np.abs(shift), kind="stable") if np.isfinite(shift[k]) and shift[k] != 0]
+    order = [
+        k
+        for k in np.argsort(-np.abs(shift), kind="stable")
+        if np.isfinite(shift[k]) and shift[k] != 0
+    ]
     forms = ClosedForms(run.base)
     return [
         {
@@ -367,7 +476,11 @@ def _bodies(mechanism: Mechanism, fit: PhysicalFit) -> list[Context]:
     for index in mechanism.carriers:
         body, first = mechanism.bodies[index], mechanism.first_column[index]
         names = mechanism.parameters[first : first + len(body.carried)]
-        own = {k: values[name] for k, name in zip(body.carried, names, strict=True) if name in values}
+        own = {
+            k: values[name]
+            for k, name in zip(body.carried, names, strict=True)
+            if name in values
+        }
         whole = len(own) == PER_BODY
         rows.append(
             {
@@ -375,9 +488,15 @@ def _bodies(mechanism: Mechanism, fit: PhysicalFit) -> list[Context]:
                 "label": body.label,
                 # smallest eigenvalue of its pseudo-inertia, relative to its scale
                 "margin": fit.margins.get(body.name, fit.margins.get(body.label)),
-                "fitted": _about_centre([own[k] for k in range(PER_BODY)]) if whole else None,
-                "stated": None if body.inertial is None else _about_centre(list(body.inertial)),
-                "carried": [] if whole else [(PARAMETERS[k], value) for k, value in own.items()],
+                "fitted": _about_centre([own[k] for k in range(PER_BODY)])
+                if whole
+                else None,
+                "stated": None
+                if body.inertial is None
+                else _about_centre(list(body.inertial)),
+                "carried": []
+                if whole
+                else [(PARAMETERS[k], value) for k, value in own.items()],
             }
         )
     return rows

@@ -42,12 +42,20 @@ _WHITE = 1.96  # of a standard normal variable, two-sided 95 %
 
 def outputs_of(validations: Sequence[Validation]) -> list[tuple[str, str]]:
     """Names and units of all outputs with traces, in order."""
-    return list({trace.output: (trace.output, trace.unit) for v in validations for trace in v.traces}.values())
+    return list(
+        {
+            trace.output: (trace.output, trace.unit)
+            for v in validations
+            for trace in v.traces
+        }.values()
+    )
 
 
 def buckets_for(validations: Sequence[Validation]) -> int:
     """Stretches into which every plotted signal is cut."""
-    signals = sum(3 + (trace.prior is not None) for v in validations for trace in v.traces)
+    signals = sum(
+        3 + (trace.prior is not None) for v in validations for trace in v.traces
+    )
     return int(np.clip(_BYTES / (2 * _PER_SAMPLE * max(signals, 1)), _FEWEST, _BUCKETS))
 
 
@@ -67,10 +75,16 @@ def _packed(trace: Trace, buckets: int) -> dict[str, Any]:
     first = trace.time[np.isfinite(trace.time)][:1]
     start = float(first[0]) if len(first) else 0.0
     difference = trace.measured - trace.predicted
-    signals = {"measured": trace.measured, "predicted": trace.predicted, "residual": difference}
+    signals = {
+        "measured": trace.measured,
+        "predicted": trace.predicted,
+        "residual": difference,
+    }
     if trace.prior is not None:
         signals["prior"] = trace.prior
-    kept = {name: envelope(trace.time, values, buckets) for name, values in signals.items()}
+    kept = {
+        name: envelope(trace.time, values, buckets) for name, values in signals.items()
+    }
     return {
         "unit": one_line(trace.unit),
         "start": start if abs(start) <= _EPOCH else 0.0,
@@ -78,7 +92,9 @@ def _packed(trace: Trace, buckets: int) -> dict[str, Any]:
         "samples": len(trace.time),
         "lost": max(e.lost for e in kept.values()),
         "drawn": max(int(np.isfinite(e.values).sum()) for e in kept.values()),
-        "signals": {name: [packed(e.time - start), packed(e.values)] for name, e in kept.items()},
+        "signals": {
+            name: [packed(e.time - start), packed(e.values)] for name, e in kept.items()
+        },
         "residual": _residual(trace.time, difference),
         "speeds": _by_speed(trace, difference),
     }
@@ -94,7 +110,9 @@ def _by_speed(trace: Trace, difference: Floats) -> dict[str, Any] | None:
     bins = min(_SPEEDS, len(speed) // _FEWEST)
     if not bins:
         return None
-    parts = list(zip(np.array_split(speed, bins), np.array_split(left, bins), strict=True))
+    parts = list(
+        zip(np.array_split(speed, bins), np.array_split(left, bins), strict=True)
+    )
     middle, mean, deviation = (
         np.array([function(part) for part in some])
         for function, some in (
@@ -104,7 +122,12 @@ def _by_speed(trace: Trace, difference: Floats) -> dict[str, Any] | None:
         )
     )
     unit = "m/s" if trace.unit == "N" else "rad/s"
-    arrays = {"speed": middle, "mean": mean, "low": mean - deviation, "high": mean + deviation}
+    arrays = {
+        "speed": middle,
+        "mean": mean,
+        "low": mean - deviation,
+        "high": mean + deviation,
+    }
     return {name: packed(values) for name, values in arrays.items()} | {"unit": unit}
 
 
@@ -112,8 +135,19 @@ def _residual(time: Floats, values: Floats) -> dict[str, Any] | None:
     found = residual(time, values)
     if found is None:
         return None
-    arrays = ("edges", "density", "normal", "lags", "correlation", "frequency", "amplitude")
-    return {name: packed(getattr(found, name)) for name in arrays} | {"band": found.band, "white": found.white}
+    arrays = (
+        "edges",
+        "density",
+        "normal",
+        "lags",
+        "correlation",
+        "frequency",
+        "amplitude",
+    )
+    return {name: packed(getattr(found, name)) for name in arrays} | {
+        "band": found.band,
+        "white": found.white,
+    }
 
 
 @dataclass(frozen=True)
@@ -134,16 +168,22 @@ def envelope(time: Floats, values: Floats, buckets: int) -> Envelope:
     t, y = time[kept], values[kept]
     chosen, width = np.arange(len(t)), 0.0
     if len(t) > 2 * buckets:
-        places = np.minimum((t - t[0]) * (buckets / max(t[-1] - t[0], 1e-300)), buckets - 1).astype(np.intp)
+        places = np.minimum(
+            (t - t[0]) * (buckets / max(t[-1] - t[0], 1e-300)), buckets - 1
+        ).astype(np.intp)
         chosen, width = _extremes(y, places), float(t[-1] - t[0]) / buckets
     broken = _after_gaps(kept, t, width)
-    return Envelope(*_with_breaks(t, y, chosen, broken), len(values), int(len(values) - len(kept)))
+    return Envelope(
+        *_with_breaks(t, y, chosen, broken), len(values), int(len(values) - len(kept))
+    )
 
 
 def _extremes(y: Floats, places: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
     """First places of the smallest and largest value of every bucket, and the ends, ascending."""
     starts = np.flatnonzero(np.diff(places, prepend=-1))
-    number = np.cumsum(np.diff(places, prepend=places[0]) != 0)  # buckets without samples do not count
+    number = np.cumsum(
+        np.diff(places, prepend=places[0]) != 0
+    )  # buckets without samples do not count
     found = [np.array([0, len(y) - 1])]
     for extreme in (np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)):
         hits = np.flatnonzero(y == extreme[number])
@@ -151,7 +191,9 @@ def _extremes(y: Floats, places: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
     return np.unique(np.concatenate(found))
 
 
-def _after_gaps(kept: npt.NDArray[np.intp], t: Floats, width: float) -> npt.NDArray[np.bool_]:
+def _after_gaps(
+    kept: npt.NDArray[np.intp], t: Floats, width: float
+) -> npt.NDArray[np.bool_]:
     """Which samples have a gap or a value that is not finite before them."""
     steps = np.diff(t)
     usual = float(np.median(steps)) if len(steps) else 0.0
@@ -240,7 +282,10 @@ def _autocorrelation(t: Floats, y: Floats, step: float, lags: int) -> Floats:
     size = 1 << int(np.ceil(np.log2(place[-1] + lags + 2)))
     signal, there = np.zeros(size), np.zeros(size)
     signal[place], there[place] = y, 1.0
-    products, pairs = (np.fft.irfft(np.abs(np.fft.rfft(x)) ** 2, size)[: lags + 1] for x in (signal, there))
+    products, pairs = (
+        np.fft.irfft(np.abs(np.fft.rfft(x)) ** 2, size)[: lags + 1]
+        for x in (signal, there)
+    )
     mean = products / np.maximum(np.rint(pairs), 1.0)
     correlation: Floats = mean / mean[0]
     return correlation
@@ -253,5 +298,11 @@ def _spectrum(correlation: Floats, std: float, step: float) -> tuple[Floats, Flo
     window = np.where(u <= 0.5, 1 - 6 * u**2 + 6 * u**3, 2 * (1 - u) ** 3)
     frequency = np.linspace(0.0, 0.5 / step, _FREQUENCIES + 1)[1:]
     weighted = window * correlation * np.where(np.arange(lags + 1) == 0, 1.0, 2.0)
-    density = 2 * step * std**2 * np.cos(2 * np.pi * step * np.outer(frequency, np.arange(lags + 1))) @ weighted
+    density = (
+        2
+        * step
+        * std**2
+        * np.cos(2 * np.pi * step * np.outer(frequency, np.arange(lags + 1)))
+        @ weighted
+    )
     return frequency, np.sqrt(np.maximum(density, 0.0))

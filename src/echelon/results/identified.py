@@ -41,7 +41,15 @@ from echelon.results.schema import (
 )
 from echelon.version import __version__
 
-_COMPUTED_WITH = ("numpy", "scipy", "sympy", "python-flint", "llvmlite", "clarabel", "pyarrow")
+_COMPUTED_WITH = (
+    "numpy",
+    "scipy",
+    "sympy",
+    "python-flint",
+    "llvmlite",
+    "clarabel",
+    "pyarrow",
+)
 _BLOCK = 1 << 20
 
 
@@ -65,7 +73,9 @@ class IdentifiedModel:
 
 
 @public
-def save_identification(identification: Identification, path: str | os.PathLike[str]) -> None:
+def save_identification(
+    identification: Identification, path: str | os.PathLike[str]
+) -> None:
     """Write an identification to a JSON file of schema ``echelon.identified/1``, whole or not at all.
 
     Parameters
@@ -104,9 +114,15 @@ def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
     record = checked(IdentifiedRecord, document, source, "an identified model")
     base = from_json(json.dumps(document["base"]), source)
     if list(record.values) != list(base.pivots):
-        raise InputError("the values are not those of the base parameters", source=source, element="values")
+        raise InputError(
+            "the values are not those of the base parameters",
+            source=source,
+            element="values",
+        )
     values = np.array(list(record.values.values()))
-    return IdentifiedModel(base, values, tuple(record.columns), record.preparation, document)
+    return IdentifiedModel(
+        base, values, tuple(record.columns), record.preparation, document
+    )
 
 
 def identification_to_json(identification: Identification) -> str:
@@ -125,17 +141,29 @@ def identification_document(result: Identification) -> dict[str, Any]:
         echelon=__version__,
         versions=_versions(),
         findings=[asdict(finding) for finding in result.findings],
-        hypotheses=[record_of(HypothesisRecord, some, error=100 * some.gain.error) for some in result.hypotheses],
+        hypotheses=[
+            record_of(HypothesisRecord, some, error=100 * some.gain.error)
+            for some in result.hypotheses
+        ],
         values=dict(zip(result.base.pivots, result.values, strict=True)),
         estimate=_estimate(result.estimate, result),
-        essential=None if result.essential is None else _estimate(result.essential, result),
+        essential=None
+        if result.essential is None
+        else _estimate(result.essential, result),
         physical=None
         if (fit := result.physical) is None
-        else record_of(PhysicalRecord, fit, standard=dict(zip(fit.parameters, fit.standard, strict=True))),
+        else record_of(
+            PhysicalRecord,
+            fit,
+            standard=dict(zip(fit.parameters, fit.standard, strict=True)),
+        ),
         logs=_logs(result),
         columns=settings.pop("columns", []),
         # an infinite cut-off, which means no filter, as a word
-        preparation={key: "inf" if value == math.inf else value for key, value in result.preparation},
+        preparation={
+            key: "inf" if value == math.inf else value
+            for key, value in result.preparation
+        },
         settings=settings,
         base=to_dict(result.base),
     )
@@ -145,8 +173,17 @@ def identification_document(result: Identification) -> dict[str, Any]:
 
 def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:
     level = float(result.settings.get("level", 0.95))
-    columns = zip(estimate.units, estimate.values, estimate.std, *estimate.interval(level).T, strict=True)
-    rows = (dict(zip(("unit", "value", "std", "low", "high"), row, strict=True)) for row in columns)
+    columns = zip(
+        estimate.units,
+        estimate.values,
+        estimate.std,
+        *estimate.interval(level).T,
+        strict=True,
+    )
+    rows = (
+        dict(zip(("unit", "value", "std", "low", "high"), row, strict=True))
+        for row in columns
+    )
     expressions = result.base.expressions
     parameters = [
         record_of(ParameterRecord, expression, expression=str(expression), **row)
@@ -170,9 +207,16 @@ def score_record(score: Score) -> dict[str, Any]:
 
 def _logs(result: Identification) -> list[dict[str, Any]]:
     mine = [(source, "identification") for source in result.logs]
-    others = [v.source for v in result.validations if v.role == "validation" and v.source not in result.logs]
+    others = [
+        v.source
+        for v in result.validations
+        if v.role == "validation" and v.source not in result.logs
+    ]
     mine += [(source, "validation") for source in dict.fromkeys(others)]
-    return [{"source": source, "role": role, **_digest(Path(source))} for source, role in mine]
+    return [
+        {"source": source, "role": role, **_digest(Path(source))}
+        for source, role in mine
+    ]
 
 
 def _digest(path: Path) -> dict[str, Any]:
@@ -200,7 +244,12 @@ def servo_document(fit: ServoFit) -> dict[str, Any]:
     """All of a fit as JSON-able data of schema ``echelon.servos/1``; equal runs give equal data."""
     estimate, level = fit.estimate, 0.95
     rows = zip(
-        estimate.parameters, estimate.units, estimate.values, estimate.std, estimate.interval(level), strict=True
+        estimate.parameters,
+        estimate.units,
+        estimate.values,
+        estimate.std,
+        estimate.interval(level),
+        strict=True,
     )
     return {
         "schema": "echelon.servos/1",
@@ -212,7 +261,13 @@ def servo_document(fit: ServoFit) -> dict[str, Any]:
         "reasons": list(fit.reasons),
         "level": level,
         "parameters": [
-            {"name": name, "unit": unit, "value": float(value), "std": float(std), "interval": interval.tolist()}
+            {
+                "name": name,
+                "unit": unit,
+                "value": float(value),
+                "std": float(std),
+                "interval": interval.tolist(),
+            }
             for name, unit, value, std, interval in rows
         ],
         "delay": {"value": fit.delay, "std": fit.delay_std, "unit": "s"},
@@ -228,4 +283,7 @@ def servo_document(fit: ServoFit) -> dict[str, Any]:
 
 def servo_to_json(fit: ServoFit) -> str:
     """The same as text."""
-    return json.dumps(servo_document(fit), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return (
+        json.dumps(servo_document(fit), indent=1, ensure_ascii=False, allow_nan=False)
+        + "\n"
+    )

@@ -14,11 +14,15 @@ from echelon.formats.robot_file import load_model as read_model
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models import LinearModel
 
-_HEAD = 4096  # bytes at the beginning of a saved set, among which is the name of its schema
+_HEAD = (
+    4096  # bytes at the beginning of a saved set, among which is the name of its schema
+)
 
 
 @public
-def load_model(source: Any, **reading: Any) -> Mechanism | LinearModel | BaseModel | LinearBase:
+def load_model(
+    source: Any, **reading: Any
+) -> Mechanism | LinearModel | BaseModel | LinearBase:
     """Read a robot, a linear model or a saved set of base parameters.
 
     Every public function that takes one of them takes a path in its place, which is read by this function.
@@ -53,7 +57,10 @@ def load_model(source: Any, **reading: Any) -> Mechanism | LinearModel | BaseMod
     if not linear and not holds_saved_base(source):
         return read_model(source, **reading)
     if reading:
-        raise InputError("a saved set is used as it is, so it takes no options for reading", source=str(source))
+        raise InputError(
+            "a saved set is used as it is, so it takes no options for reading",
+            source=str(source),
+        )
     return load_linear_base(source) if linear else load_base(source)
 
 
@@ -66,7 +73,10 @@ def holds_saved_base(source: Any) -> bool:
 
 def _says(source: Any, schema: str) -> bool:
     """Whether a source is a JSON file with the name of a schema at its beginning."""
-    if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".json":
+    if (
+        not isinstance(source, str | os.PathLike)
+        or Path(source).suffix.lower() != ".json"
+    ):
         return False
     if not os.path.isfile(source):  # of a long text, pathlib raises an OSError
         return False

@@ -34,7 +34,11 @@ from echelon.regressor.linear_forms import virtual_power_form
 from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from echelon.results.schema import BaseModelRecord, BaseParameterRecord, LinearBaseRecord
+    from echelon.results.schema import (
+        BaseModelRecord,
+        BaseParameterRecord,
+        LinearBaseRecord,
+    )
 
 
 LINEAR_SCHEMA = "echelon.linear-base/1"
@@ -67,7 +71,11 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
         model=write_description(mechanism, elementary=True),
         **_set(model, _stated(model)),
     )
-    return document if document["numbers"] else {key: value for key, value in document.items() if key != "numbers"}
+    return (
+        document
+        if document["numbers"]
+        else {key: value for key, value in document.items() if key != "numbers"}
+    )
 
 
 def linear_to_dict(base: LinearBase) -> dict[str, Any]:
@@ -85,7 +93,11 @@ def linear_to_dict(base: LinearBase) -> dict[str, Any]:
         **_set(base, base.model.values),
         "model": linear_document(base.model),
     }
-    return document if document["numbers"] else {key: value for key, value in document.items() if key != "numbers"}
+    return (
+        document
+        if document["numbers"]
+        else {key: value for key, value in document.items() if key != "numbers"}
+    )
 
 
 def _set(model: BaseModel | LinearBase, known: Mapping[str, float]) -> dict[str, Any]:
@@ -96,12 +108,19 @@ def _set(model: BaseModel | LinearBase, known: Mapping[str, float]) -> dict[str,
         "base": _base_rows(model, known),
         "classification": _classes(model),
         "special": model.special and asdict(model.special),
-        "certificate": {**asdict(evidence), "identity_primes": [str(p) for p in evidence.identity_primes]},
+        "certificate": {
+            **asdict(evidence),
+            "identity_primes": [str(p) for p in evidence.identity_primes],
+        },
     }
 
 
 def _stated(model: BaseModel) -> dict[str, float]:
-    return {name: s.value for name, s in model.mechanism.symbols.items() if s.value is not None}
+    return {
+        name: s.value
+        for name, s in model.mechanism.symbols.items()
+        if s.value is not None
+    }
 
 
 def _numbers(model: BaseModel | LinearBase) -> dict[str, Any] | None:
@@ -124,16 +143,33 @@ def _classes(model: BaseModel | LinearBase) -> dict[str, list[str]]:
     return classes
 
 
-def _base_rows(model: BaseModel | LinearBase, known: Mapping[str, float]) -> list[dict[str, Any]]:
+def _base_rows(
+    model: BaseModel | LinearBase, known: Mapping[str, float]
+) -> list[dict[str, Any]]:
     rows = []
     for expression, row in zip(model.expressions, model.matrix.rows, strict=True):
-        terms = [_term(model.parameters[column], c, known) for column, c in sorted(row.items())]
-        rows.append({"name": expression.name, "unit": expression.unit, "expression": str(expression), "terms": terms})
+        terms = [
+            _term(model.parameters[column], c, known)
+            for column, c in sorted(row.items())
+        ]
+        rows.append(
+            {
+                "name": expression.name,
+                "unit": expression.unit,
+                "expression": str(expression),
+                "terms": terms,
+            }
+        )
     return rows
 
 
-def _term(parameter: str, coefficient: RationalFunction, known: Mapping[str, float]) -> dict[str, Any]:
-    term: dict[str, Any] = {"parameter": parameter, "coefficient": str(coefficient.numerator)}
+def _term(
+    parameter: str, coefficient: RationalFunction, known: Mapping[str, float]
+) -> dict[str, Any]:
+    term: dict[str, Any] = {
+        "parameter": parameter,
+        "coefficient": str(coefficient.numerator),
+    }
     if not coefficient.is_polynomial:
         term["denominator"] = str(coefficient.denominator)
     term["value"] = None
@@ -149,7 +185,10 @@ def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
     """
     document = parse_json(text, source)
     if _is_linear(document):
-        raise InputError("this is the set of a linear model: read it with load_linear_base", source=source)
+        raise InputError(
+            "this is the set of a linear model: read it with load_linear_base",
+            source=source,
+        )
     return _from_document(document, source)
 
 
@@ -157,7 +196,10 @@ def linear_from_json(text: str | bytes, source: str = "base model") -> LinearBas
     """Read the set of a linear model back; its claim is not checked: use :func:`echelon.verify`."""
     document = parse_json(text, source)
     if not _is_linear(document):
-        raise InputError("this is not the set of a linear model; read one of a robot with load_base", source=source)
+        raise InputError(
+            "this is not the set of a linear model; read one of a robot with load_base",
+            source=source,
+        )
     return _linear_from_document(document, source)
 
 
@@ -171,13 +213,19 @@ def _linear_from_document(document: Any, source: str) -> LinearBase:
     from echelon.formats.linear_document import read_linear
     from echelon.results.schema import LinearBaseRecord, checked
 
-    record = checked(LinearBaseRecord, document, source, "a saved set of a linear model")
+    record = checked(
+        LinearBaseRecord, document, source, "a saved set of a linear model"
+    )
     model = read_linear(Document(record.model, source))
     matrix = _matrix(record, model.parameters, source)
     certificate = _certificate(record, source)
-    found = LinearBase(model, matrix, certificate, record.seed, record.special, record.generic)
+    found = LinearBase(
+        model, matrix, certificate, record.seed, record.special, record.generic
+    )
     if matrix.numbers and matrix.numbers.at != stated_texts(model):
-        raise CertificateError("'numbers' are for other values than those stated by the model")
+        raise CertificateError(
+            "'numbers' are for other values than those stated by the model"
+        )
     _check_derived(record, found, model.name, model.outputs)
     return found
 
@@ -185,7 +233,9 @@ def _linear_from_document(document: Any, source: str) -> LinearBase:
 def _from_document(document: Any, source: str) -> BaseModel:
     from echelon.results.schema import BaseModelRecord, checked
 
-    return _from_record(checked(BaseModelRecord, document, source, "a saved base model"), source)
+    return _from_record(
+        checked(BaseModelRecord, document, source, "a saved base model"), source
+    )
 
 
 def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
@@ -196,17 +246,37 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
     mechanism = RobotFile(data, source, is_description=True).mechanism(exactly)
     matrix = _matrix(record, mechanism.parameters, source)
     certificate = _certificate(record, source)
-    model = BaseModel(mechanism, matrix, certificate, record.reading, record.seed, record.special, record.generic)
-    _check_derived(record, model, mechanism.name, [output.name for output in mechanism.outputs])
-    if matrix.numbers and matrix.numbers.at != value_texts(mechanism, all_symbols(mechanism)):
-        raise CertificateError("'numbers' are for other values than those stated by the model")
+    model = BaseModel(
+        mechanism,
+        matrix,
+        certificate,
+        record.reading,
+        record.seed,
+        record.special,
+        record.generic,
+    )
+    _check_derived(
+        record, model, mechanism.name, [output.name for output in mechanism.outputs]
+    )
+    if matrix.numbers and matrix.numbers.at != value_texts(
+        mechanism, all_symbols(mechanism)
+    ):
+        raise CertificateError(
+            "'numbers' are for other values than those stated by the model"
+        )
     return model
 
 
-def _matrix(record: BaseModelRecord | LinearBaseRecord, parameters: Sequence[str], source: str) -> BaseMatrix:
+def _matrix(
+    record: BaseModelRecord | LinearBaseRecord, parameters: Sequence[str], source: str
+) -> BaseMatrix:
     """B as it is recorded."""
     if list(parameters) != record.parameters:
-        raise InputError("the parameters are not those of the model", source=source, element="parameters")
+        raise InputError(
+            "the parameters are not those of the model",
+            source=source,
+            element="parameters",
+        )
     column = {name: i for i, name in enumerate(record.parameters)}
     stated = record.numbers
     numbers = None
@@ -216,15 +286,25 @@ def _matrix(record: BaseModelRecord | LinearBaseRecord, parameters: Sequence[str
         pivots = tuple(column[row.name] for row in record.base)
         order = tuple(column[name] for name in record.order)
         if stated is not None:
-            numbers = StatedNumbers(tuple(column[name] for name in stated.parameters), stated.at, stated.radius)
+            numbers = StatedNumbers(
+                tuple(column[name] for name in stated.parameters),
+                stated.at,
+                stated.radius,
+            )
     except KeyError as error:
-        raise InputError(f"unknown parameter {error}", source=source, element="base") from None
+        raise InputError(
+            f"unknown parameter {error}", source=source, element="base"
+        ) from None
     except (ValueError, ZeroDivisionError) as error:
-        raise InputError(f"unreadable coefficient: {error}", source=source, element="base") from None
+        raise InputError(
+            f"unreadable coefficient: {error}", source=source, element="base"
+        ) from None
     return BaseMatrix(tuple(parameters), pivots, rows, order, numbers)
 
 
-def _certificate(record: BaseModelRecord | LinearBaseRecord, source: str) -> Certificate:
+def _certificate(
+    record: BaseModelRecord | LinearBaseRecord, source: str
+) -> Certificate:
     """The recorded evidence."""
     from pydantic import ValidationError
 
@@ -233,13 +313,19 @@ def _certificate(record: BaseModelRecord | LinearBaseRecord, source: str) -> Cer
     try:
         return made(Certificate, record.certificate)
     except ValidationError:
-        raise InputError("primes are decimal numbers", source=source, element="certificate") from None
+        raise InputError(
+            "primes are decimal numbers", source=source, element="certificate"
+        ) from None
 
 
 def _row(
-    record: BaseParameterRecord, column: Mapping[str, int], read: Callable[[str, str], RationalFunction]
+    record: BaseParameterRecord,
+    column: Mapping[str, int],
+    read: Callable[[str, str], RationalFunction],
 ) -> dict[int, RationalFunction]:
-    row = {column[t.parameter]: read(t.coefficient, t.denominator) for t in record.terms}
+    row = {
+        column[t.parameter]: read(t.coefficient, t.denominator) for t in record.terms
+    }
     if not all(row.values()):
         raise CertificateError(f"a coefficient in {record.name} is zero")
     if len(row) < len(record.terms):
@@ -248,35 +334,62 @@ def _row(
 
 
 def _check_derived(
-    record: BaseModelRecord | LinearBaseRecord, model: BaseModel | LinearBase, name: str, outputs: Sequence[str]
+    record: BaseModelRecord | LinearBaseRecord,
+    model: BaseModel | LinearBase,
+    name: str,
+    outputs: Sequence[str],
 ) -> None:
     """What people and other programs read instead of the exact terms must follow from them."""
     stated = (record.name, record.rank, record.outputs, record.classification)
     true = (name, model.rank, list(outputs), _classes(model))
-    for key, mine, theirs in zip(("name", "rank", "outputs", "classification"), true, stated, strict=True):
+    for key, mine, theirs in zip(
+        ("name", "rank", "outputs", "classification"), true, stated, strict=True
+    ):
         if mine != theirs:
-            raise CertificateError(f"'{key}' contradicts the model or the terms of its base parameters")
+            raise CertificateError(
+                f"'{key}' contradicts the model or the terms of its base parameters"
+            )
     special = model.special
-    if special and model.rank != (special.generic_rank if model.generic else special.rank):
-        raise CertificateError(f"'special' is about another rank than the {model.rank} of the set")
+    if special and model.rank != (
+        special.generic_rank if model.generic else special.rank
+    ):
+        raise CertificateError(
+            f"'special' is about another rank than the {model.rank} of the set"
+        )
     known = _stated(model) if isinstance(model, BaseModel) else model.model.values
     largest = getattr(record, "largest_coefficient", None)
     if isinstance(model, BaseModel) and not _same(largest, model.largest_coefficient):
-        raise CertificateError("'largest_coefficient' contradicts the terms of the base parameters")
+        raise CertificateError(
+            "'largest_coefficient' contradicts the terms of the base parameters"
+        )
     for row, derived in zip(record.base, _base_rows(model, known), strict=True):
         shown = {t.parameter: t.value for t in row.terms}
         true_values = {term["parameter"]: term["value"] for term in derived["terms"]}
-        same_text = row.expression == derived["expression"]  # whatever version wrote it: people read nothing else
-        if row.unit != derived["unit"] or not same_text or not _same_values(shown, true_values):
-            raise CertificateError(f"unit, expression or values of {row.name} contradict its terms")
+        same_text = (
+            row.expression == derived["expression"]
+        )  # whatever version wrote it: people read nothing else
+        if (
+            row.unit != derived["unit"]
+            or not same_text
+            or not _same_values(shown, true_values)
+        ):
+            raise CertificateError(
+                f"unit, expression or values of {row.name} contradict its terms"
+            )
 
 
-def _same_values(stated: Mapping[str, float | None], derived: Mapping[str, float | None]) -> bool:
-    return stated.keys() == derived.keys() and all(_same(stated[name], derived[name]) for name in stated)
+def _same_values(
+    stated: Mapping[str, float | None], derived: Mapping[str, float | None]
+) -> bool:
+    return stated.keys() == derived.keys() and all(
+        _same(stated[name], derived[name]) for name in stated
+    )
 
 
 def _same(a: float | None, b: float | None) -> bool:
-    return a is b if a is None or b is None else isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
+    return (
+        a is b if a is None or b is None else isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
+    )
 
 
 @public
@@ -345,12 +458,18 @@ def load_set(path: str | os.PathLike[str]) -> BaseModel | LinearBase:
 
     def either(text: str | bytes, source: str) -> BaseModel | LinearBase:
         document = parse_json(text, source)
-        return _linear_from_document(document, source) if _is_linear(document) else _from_document(document, source)
+        return (
+            _linear_from_document(document, source)
+            if _is_linear(document)
+            else _from_document(document, source)
+        )
 
     return _read(path, either)
 
 
-def _read(path: str | os.PathLike[str], reader: Callable[[str | bytes, str], Saved]) -> Saved:
+def _read(
+    path: str | os.PathLike[str], reader: Callable[[str | bytes, str], Saved]
+) -> Saved:
     data = read_content(path)
     try:
         return reader(data, str(path))
@@ -404,14 +523,23 @@ def verify(
         model = load_set(model)
     recorded = model.certificate
     if recorded.rank != model.rank:
-        raise CertificateError(f"the certificate is for {recorded.rank} base parameters, the set has {model.rank}")
+        raise CertificateError(
+            f"the certificate is for {recorded.rank} base parameters, the set has {model.rank}"
+        )
     if recorded.seed != model.seed:
-        raise CertificateError(f"the certificate has the seed {recorded.seed}, the set {model.seed}")
+        raise CertificateError(
+            f"the certificate has the seed {recorded.seed}, the set {model.seed}"
+        )
     fresh = secrets.randbits(_SEED_BITS) if seed is None else seed
     if isinstance(model, LinearBase):
         progress("checking every column at new points")
         if model.generic:
-            _check_special(model, linear_special(model.model, model.matrix.order, random_generator(fresh)))
+            _check_special(
+                model,
+                linear_special(
+                    model.model, model.matrix.order, random_generator(fresh)
+                ),
+            )
         at_constants = None if model.generic else linear_at_stated_values(model.model)
         return certify(model.model.regressor, model.matrix, fresh, at_constants)
     doubts, singular = list[str](), ""
@@ -419,13 +547,17 @@ def verify(
     at_values = model_at_stated_values(model.mechanism, forms)
     if model.generic:
         progress("structure at the stated values")
-        found = specialised(model.mechanism, random_generator(fresh), at_values, generic=True)
+        found = specialised(
+            model.mechanism, random_generator(fresh), at_values, generic=True
+        )
         _check_special(model, found.special)
         if found.undecided:
             doubts.append(f"the number at the stated values ({found.undecided})")
     if forms.loops is not None:
         progress("structure")
-        structure = find_structure(model.mechanism, random_generator(recorded.seed), generic=False)
+        structure = find_structure(
+            model.mechanism, random_generator(recorded.seed), generic=False
+        )
         singular = structure.where_modes_meet
         doubts += [structure.doubt] if structure.doubt and not singular else []
     stated = None if model.generic else at_values
@@ -436,9 +568,13 @@ def verify(
     if stated is not None and stated.approximate and forms.loops is None:
         progress("minor at rounded values")
         try:
-            check_in_balls(forms, model.matrix, (), stated.texts, random_generator(fresh))
+            check_in_balls(
+                forms, model.matrix, (), stated.texts, random_generator(fresh)
+            )
         except CertificateError as error:
-            doubts.append(f"independence at the rounded values of {', '.join(stated.approximate)} ({error})")
+            doubts.append(
+                f"independence at the rounded values of {', '.join(stated.approximate)} ({error})"
+            )
         else:
             certificate = replace(certificate, at_values=True)
     return replace(certificate, unchecked=(*certificate.unchecked, *doubts))
@@ -449,7 +585,9 @@ def _check_special(model: BaseModel | LinearBase, found: SpecialValues | None) -
     if model.special == found:
         return
     if found is None:
-        raise CertificateError("'special' says that the stated values change the answer, which they do not")
+        raise CertificateError(
+            "'special' says that the stated values change the answer, which they do not"
+        )
     relations = ", ".join(found.relations)
     raise CertificateError(
         f"the set does not say that there are only {found.rank} base parameters at the stated values of the symbols, "
@@ -467,4 +605,6 @@ def _compare(recorded: Certificate, repeated: Certificate) -> None:
             else stated == found
         )
         if not same:
-            raise CertificateError(f"the recorded {field.name} {stated} is not what its seed gives: {found}")
+            raise CertificateError(
+                f"the recorded {field.name} {stated} is not what its seed gives: {found}"
+            )

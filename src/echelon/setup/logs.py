@@ -36,7 +36,9 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, setup_of, with_usual
 
 _FEW = 6  # joints that are named with where they rest; of more, only that they do
-_VECTOR = re.compile(r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE)
+_VECTOR = re.compile(
+    r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE
+)
 _STILL = 2e-3  # range, rad or m, of a joint that never moves
 
 
@@ -48,7 +50,10 @@ def with_logs(
     Without ``usual`` it keeps the effects that it states, and joints at rest move elsewhere.
     """
     setup = with_usual(setup_of(setup)) if usual else setup_of(setup)
-    fitted, unseen = (joined(log_paths(some), setup.mechanism, setup.columns) for some in (logs, others))
+    fitted, unseen = (
+        joined(log_paths(some), setup.mechanism, setup.columns)
+        for some in (logs, others)
+    )
     if setup.columns:
         return setup, fitted, unseen
     kinds: dict[tuple[str, ...], LogFile] = {}
@@ -58,10 +63,16 @@ def with_logs(
     for file in kinds.values():
         found = understood(file, setup, only=usual and len(fitted) + len(unseen) == 1)
         if found.problems:
-            advice = "echelon setup ROBOT LOG -o setup.yaml  writes a set-up to begin with"
+            advice = (
+                "echelon setup ROBOT LOG -o setup.yaml  writes a set-up to begin with"
+            )
             raise InputError("; ".join([*found.problems, advice]), source=file.source)
         notes = tuple(text for text in found.notes if text not in setup.assumed)
-        setup = replace(found.setup, columns=(*setup.columns, found.columns), assumed=(*setup.assumed, *notes))
+        setup = replace(
+            found.setup,
+            columns=(*setup.columns, found.columns),
+            assumed=(*setup.assumed, *notes),
+        )
     return setup, fitted, unseen
 
 
@@ -74,11 +85,20 @@ class Understood:
     problems: tuple[str, ...]
     notes: tuple[str, ...]  # what was taken for granted
     locked: dict[str, float]  # where joints rest, rad or m
-    choices: tuple[dict[str, float], ...] = ()  # the same, where only the user can tell which joints rest
+    choices: tuple[
+        dict[str, float], ...
+    ] = ()  # the same, where only the user can tell which joints rest
     commanded: bool = False  # whether there are commands of positions, and nothing that could be an output
 
 
-def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = False, outputs: bool = True) -> Understood:
+def understood(
+    file: LogFile,
+    setup: Setup,
+    *,
+    only: bool,
+    by_values: bool = False,
+    outputs: bool = True,
+) -> Understood:
     """What the columns of a log are, by their names, and by their values where that is asked for.
 
     Joints that are not in the log rest, and so do those that never move there; if it is not the ``only`` log, those of
@@ -86,20 +106,39 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
     """
     drives = _drives(setup.robot_file)
     vectors = _of_vectors(file.names, drives)
-    said = {name: f"{name} [{unit}]" for name, unit in getattr(file, "units", {}).items() if unit}
+    said = {
+        name: f"{name} [{unit}]"
+        for name, unit in getattr(file, "units", {}).items()
+        if unit
+    }
     said |= {name: f"{drive.joint} torque" for name, (drive, _) in vectors.items()}
     look = cache(lambda: first_table(file))
-    found = guess(file.names, setup.mechanism, look, said=said, by_values=by_values, outputs=outputs)
+    found = guess(
+        file.names,
+        setup.mechanism,
+        look,
+        said=said,
+        by_values=by_values,
+        outputs=outputs,
+    )
     unread = getattr(file, "left_out", {})
-    lacks_outputs = outputs and not found.columns.outputs and any(map(is_output, unread))
+    lacks_outputs = (
+        outputs and not found.columns.outputs and any(map(is_output, unread))
+    )
     reasons = "; ".join([f"'{name}' {why}" for name, why in unread.items()][:_FEW])
-    problems = found.problems + ((f"not read: {reasons}",) if unread and (found.problems or lacks_outputs) else ())
+    problems = found.problems + (
+        (f"not read: {reasons}",)
+        if unread and (found.problems or lacks_outputs)
+        else ()
+    )
     columns, geared = _with_gears(found.columns, drives, vectors)
     side_by_side = file.notes if isinstance(file, LongLog) else ()
     notes, silent = [*side_by_side, *found.notes, *geared], set(found.unmeasured)
     locked = _assumed(setup, found.unlogged)
     if locked:
-        notes.append(f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}")
+        notes.append(
+            f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}"
+        )
     if columns.positions:
         tables = file.tables(needed_columns(columns, file.names))
         table, more = measured(next(tables, Table(file.source, {}))), next(tables, None)
@@ -107,22 +146,42 @@ def understood(file: LogFile, setup: Setup, *, only: bool, by_values: bool = Fal
         columns, empty = _without_empty(columns, table)
         notes += [*(finding.text for finding in findings), *empty]
         still: dict[str, float] = {}
-        if more is None and lockable(setup.mechanism):  # of a long log nobody knows what moves later
-            silent |= {name for name, some in columns.outputs.items() if not np.any(table.columns[some.column])}
+        if more is None and lockable(
+            setup.mechanism
+        ):  # of a long log nobody knows what moves later
+            silent |= {
+                name
+                for name, some in columns.outputs.items()
+                if not np.any(table.columns[some.column])
+            }
             still = _still(columns, table)
         resting = {name: at for name, at in still.items() if only or name in silent}
         if len(silent | resting.keys()) < len(columns.outputs) + len(found.unmeasured):
             locked |= resting
-            notes += [f"at rest all the time: {listed(resting)}, {_line(resting)}"] if resting else []
-            mute = [name for name in resting if is_still(table.columns[columns.positions[name].column])]
             notes += (
-                [f"not one sample of {listed(mute)} differs: do they rest, or have they no sensor?"] if mute else []
+                [f"at rest all the time: {listed(resting)}, {_line(resting)}"]
+                if resting
+                else []
+            )
+            mute = [
+                name
+                for name in resting
+                if is_still(table.columns[columns.positions[name].column])
+            ]
+            notes += (
+                [
+                    f"not one sample of {listed(mute)} differs: do they rest, or have they no sensor?"
+                ]
+                if mute
+                else []
             )
         else:  # nothing would be left: what is wrong with it is said when it is read
             silent = set(found.unmeasured)
     silent -= locked.keys()
     if silent:
-        notes.append(f"nothing is measured of {listed(silent)}: no column, or only zeros")
+        notes.append(
+            f"nothing is measured of {listed(silent)}: no column, or only zeros"
+        )
     return Understood(
         _without(setup, locked, silent),
         _columns_without(columns, locked.keys(), silent),
@@ -147,15 +206,27 @@ class _Drive:
 def stated_gears(file: RobotFile) -> dict[str, tuple[str, str]]:
     """Joints and ratios of the actuators that a URDF or MJCF file states with gears."""
     found: dict[str, tuple[str, str]] = {}
-    for transmission in file.root.iter("transmission") if file.root.tag == "robot" else ():
-        joints, actuators = transmission.findall("joint"), transmission.findall("actuator")
+    for transmission in (
+        file.root.iter("transmission") if file.root.tag == "robot" else ()
+    ):
+        joints, actuators = (
+            transmission.findall("joint"),
+            transmission.findall("actuator"),
+        )
         if len(joints) == len(actuators) == 1:
             ratio = transmission.findtext(".//mechanicalReduction") or "1"
-            found[str(actuators[0].get("name"))] = (str(joints[0].get("name")), ratio.strip())
+            found[str(actuators[0].get("name"))] = (
+                str(joints[0].get("name")),
+                ratio.strip(),
+            )
     for drive in _drives(file):
         if drive is not None:
             found[drive.name] = (drive.joint, f"{drive.gear:.12g}")
-    return {name: (joint, ratio) for name, (joint, ratio) in found.items() if ratio not in ("1", "1.0")}
+    return {
+        name: (joint, ratio)
+        for name, (joint, ratio) in found.items()
+        if ratio not in ("1", "1.0")
+    }
 
 
 def _drives(file: RobotFile | None) -> list[_Drive | None]:
@@ -166,30 +237,49 @@ def _drives(file: RobotFile | None) -> list[_Drive | None]:
     from echelon.formats.mjcf.mjcf_reader import drives_joint, is_motor
 
     return [
-        _Drive(str(a.name), str(a.target), float(a.gear[0]), float(a.gainprm[0]) if is_motor(a) else np.nan)
+        _Drive(
+            str(a.name),
+            str(a.target),
+            float(a.gear[0]),
+            float(a.gainprm[0]) if is_motor(a) else np.nan,
+        )
         if drives_joint(a)
         else None
         for a in parse_spec(file.mjcf).actuators
     ]
 
 
-def _of_vectors(names: Sequence[str], drives: Sequence[_Drive | None]) -> dict[str, tuple[_Drive, float]]:
+def _of_vectors(
+    names: Sequence[str], drives: Sequence[_Drive | None]
+) -> dict[str, tuple[_Drive, float]]:
     """Columns of MuJoCo's vectors ``ctrl`` and ``actuator_force``, and joint torque per unit in them."""
-    numbers = {name: found for name in names if (found := _VECTOR.search(name)) and drives}
+    numbers = {
+        name: found for name in names if (found := _VECTOR.search(name)) and drives
+    }
     first = min((int(found.group(2)) for found in numbers.values()), default=0)
     said = {}
     for name, found in numbers.items():
         place = int(found.group(2)) - min(first, 1)
         drive = drives[place] if place < len(drives) else None
-        factor = 0.0 if drive is None else drive.gear * (drive.gain if found.group(1).lower() == "ctrl" else 1.0)
+        factor = (
+            0.0
+            if drive is None
+            else drive.gear * (drive.gain if found.group(1).lower() == "ctrl" else 1.0)
+        )
         if drive is not None and factor and np.isfinite(factor):
             said[name] = (drive, factor)
     both = {drive.joint for name, (drive, _) in said.items() if "force" in name.lower()}
-    return {name: some for name, some in said.items() if "force" in name.lower() or some[0].joint not in both}
+    return {
+        name: some
+        for name, some in said.items()
+        if "force" in name.lower() or some[0].joint not in both
+    }
 
 
 def _with_gears(
-    columns: ColumnMap, drives: Sequence[_Drive | None], vectors: Mapping[str, tuple[_Drive, float]]
+    columns: ColumnMap,
+    drives: Sequence[_Drive | None],
+    vectors: Mapping[str, tuple[_Drive, float]],
 ) -> tuple[ColumnMap, list[str]]:
     """Forces that are those of MuJoCo's actuators by their names, times their gears, as the joint feels them."""
     outputs, notes = dict(columns.outputs), []
@@ -198,7 +288,9 @@ def _with_gears(
         if drive is None or channel is None:
             continue
         word = rf"(?<![A-Za-z0-9]){re.escape(drive.name)}(?![A-Za-z0-9])"
-        named = drive.name and drive.name != drive.joint and re.search(word, channel.column)
+        named = (
+            drive.name and drive.name != drive.joint and re.search(word, channel.column)
+        )
         _, ratio = vectors.get(channel.column, (drive, drive.gear if named else 1.0))
         if ratio != 1.0:
             outputs[drive.joint] = replace(channel, scale=ratio * channel.scale)
@@ -229,7 +321,10 @@ def _still(columns: ColumnMap, table: Table) -> dict[str, float]:
     """Joints whose positions never change by more than an encoder's noise, and where they stand, rad or m."""
     found = {}
     for name, channel in columns.positions.items():
-        values = channel.scale * factor(channel.unit, None) * table.columns[channel.column] + channel.offset
+        values = (
+            channel.scale * factor(channel.unit, None) * table.columns[channel.column]
+            + channel.offset
+        )
         values = values[np.isfinite(values)]
         if len(values) and np.ptp(values) < _STILL:
             found[name] = float(np.median(values))
@@ -242,27 +337,53 @@ def _without_empty(columns: ColumnMap, table: Table) -> tuple[ColumnMap, list[st
     kept: dict[str, Mapping[str, Channel]] = {}
     for kind in ("velocity", "acceleration", "reference"):
         group = columns.channels[kind]
-        empty = [some.column for some in group.values() if not np.isfinite(table.columns[some.column]).any()]
-        notes += [f"no {kind} is used, as there are no numbers in {listed(empty)}"] if empty else []
+        empty = [
+            some.column
+            for some in group.values()
+            if not np.isfinite(table.columns[some.column]).any()
+        ]
+        notes += (
+            [f"no {kind} is used, as there are no numbers in {listed(empty)}"]
+            if empty
+            else []
+        )
         kept[kind] = {} if empty else group
     v, a, r = kept.values()
     return replace(columns, velocities=v, accelerations=a, references=r), notes
 
 
-def _columns_without(columns: ColumnMap, locked: Collection[str], silent: Collection[str]) -> ColumnMap:
+def _columns_without(
+    columns: ColumnMap, locked: Collection[str], silent: Collection[str]
+) -> ColumnMap:
     def left(kind: str, gone: Collection[str] = locked) -> dict[str, Channel]:
-        return {name: channel for name, channel in columns.channels[kind].items() if name not in gone}
+        return {
+            name: channel
+            for name, channel in columns.channels[kind].items()
+            if name not in gone
+        }
 
-    q, v, a, r = (left(kind) for kind in ("position", "velocity", "acceleration", "reference"))
-    return ColumnMap(columns.time, columns.rate, q, v, a, left("output", {*locked, *silent}), r)
+    q, v, a, r = (
+        left(kind) for kind in ("position", "velocity", "acceleration", "reference")
+    )
+    return ColumnMap(
+        columns.time, columns.rate, q, v, a, left("output", {*locked, *silent}), r
+    )
 
 
-def _without(setup: Setup, locked: Mapping[str, float], silent: Collection[str]) -> Setup:
+def _without(
+    setup: Setup, locked: Mapping[str, float], silent: Collection[str]
+) -> Setup:
     """The set-up with joints locked and without outputs that are not measured, and effects in their drives."""
     reading, mechanism = setup.mechanism.reading, lock_joints(setup.mechanism, locked)
     if silent:
-        measured = tuple(output for output in mechanism.outputs if output.name not in silent)
-        effects = tuple(e for e in mechanism.effects if any(action.at not in silent for action in e.actions))
+        measured = tuple(
+            output for output in mechanism.outputs if output.name not in silent
+        )
+        effects = tuple(
+            e
+            for e in mechanism.effects
+            if any(action.at not in silent for action in e.actions)
+        )
         mechanism = replace(mechanism, measured=measured, effects=effects)
     elif locked and reading is not None:
         options = replace(reading.options, locked={**reading.options.locked, **locked})
@@ -270,7 +391,9 @@ def _without(setup: Setup, locked: Mapping[str, float], silent: Collection[str])
     return replace(setup, mechanism=mechanism)
 
 
-def joined(paths: Sequence[Path], mechanism: Mechanism, columns: Sequence[ColumnMap] = ()) -> tuple[Path, ...]:
+def joined(
+    paths: Sequence[Path], mechanism: Mechanism, columns: Sequence[ColumnMap] = ()
+) -> tuple[Path, ...]:
     """The logs, with files joined of which no one is a log: all of them, or one of each kind, such as positions1.csv.
 
     The name of a file may say of which quantity or joint it is.
@@ -278,9 +401,14 @@ def joined(paths: Sequence[Path], mechanism: Mechanism, columns: Sequence[Column
 
     def is_log(path: Path) -> bool:
         names = opened(path).names
-        return any(set(needed_columns(some)) <= set(names) for some in columns) or not guess(names, mechanism).problems
+        return (
+            any(set(needed_columns(some)) <= set(names) for some in columns)
+            or not guess(names, mechanism).problems
+        )
 
-    if len(paths) < 2 or any(isinstance(path, MemoryLog) or is_log(path) for path in paths):
+    if len(paths) < 2 or any(
+        isinstance(path, MemoryLog) or is_log(path) for path in paths
+    ):
         return tuple(paths)
     kinds: dict[tuple[str, ...], list[Path]] = {}
     for path in paths:

@@ -70,8 +70,12 @@ class Setup:
     source: str
     mechanism: Mechanism
     columns: tuple[ColumnMap, ...] = ()
-    preparation: PreparationEntry = field(default_factory=PreparationEntry.model_construct)
-    settings: IdentificationEntry = field(default_factory=IdentificationEntry.model_construct)
+    preparation: PreparationEntry = field(
+        default_factory=PreparationEntry.model_construct
+    )
+    settings: IdentificationEntry = field(
+        default_factory=IdentificationEntry.model_construct
+    )
     prior: Mechanism | None = None
     robot_file: RobotFile | None = None
     states_effects: bool = True
@@ -121,7 +125,9 @@ def setup_of(source: Any) -> Setup:
 
 
 @public
-def load_setup(robot: Any, *, prior: Any = None, model: str = "", **reading: Any) -> Setup:
+def load_setup(
+    robot: Any, *, prior: Any = None, model: str = "", **reading: Any
+) -> Setup:
     """Read a robot with its measurement set-up.
 
     Parameters
@@ -156,12 +162,23 @@ def load_setup(robot: Any, *, prior: Any = None, model: str = "", **reading: Any
     """
     file, options = open_robot(robot, model), ReadingOptions(**reading)
     setup = _described(file, options) if file.is_description else _bare(file, options)
-    return setup if prior is None else replace(setup, prior=open_robot(prior).mechanism(options))
+    return (
+        setup
+        if prior is None
+        else replace(setup, prior=open_robot(prior).mechanism(options))
+    )
 
 
 def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
     mechanism = file.mechanism(replace(options, usual_effects=True))
-    return Setup(file.source, mechanism, robot_file=file, states_effects=False, usual=True, assumed=_assumed(mechanism))
+    return Setup(
+        file.source,
+        mechanism,
+        robot_file=file,
+        states_effects=False,
+        usual=True,
+        assumed=_assumed(mechanism),
+    )
 
 
 def with_file_effects(setup: Setup) -> Setup:
@@ -175,12 +192,19 @@ def with_usual(setup: Setup) -> Setup:
         return setup
     drives = {} if setup.robot_file is None else setup.robot_file.tree().drives
     mechanism = with_usual_effects(setup.mechanism, drives)
-    return replace(setup, mechanism=mechanism, usual=True, assumed=(*_assumed(mechanism), *setup.assumed))
+    return replace(
+        setup,
+        mechanism=mechanism,
+        usual=True,
+        assumed=(*_assumed(mechanism), *setup.assumed),
+    )
 
 
 def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
     """What is said of effects that nobody stated."""
-    kinds = {KINDS[kind][0].term: kind for kind in ("viscous", "rotor_inertia", "spring")}
+    kinds = {
+        KINDS[kind][0].term: kind for kind in ("viscous", "rotor_inertia", "spring")
+    }
     places: dict[str, list[str]] = {kind: [] for kind in kinds.values()}
     for action in (effect.actions[0] for effect in mechanism.effects):
         if action.term in kinds:
@@ -189,12 +213,20 @@ def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
         return ()
     text = "no effects are stated, so every measured drive got viscous and Coulomb friction and an offset"
     for kind, names in places.items():
-        text += f", and {kind.replace('_', ' ')} where the robot file shows one ({in_quotes(names)})" if names else ""
+        text += (
+            f", and {kind.replace('_', ' ')} where the robot file shows one ({in_quotes(names)})"
+            if names
+            else ""
+        )
     return (f"{text}; 'effects: none' in a set-up leaves them out",)
 
 
 def _described(file: RobotFile, options: ReadingOptions) -> Setup:
-    mechanism, robot, document = file.mechanism(options), file.description, file.document
+    mechanism, robot, document = (
+        file.mechanism(options),
+        file.description,
+        file.document,
+    )
     entry = robot.identification
     many = isinstance(robot.log, tuple)
     logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
@@ -203,7 +235,10 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
     return Setup(
         file.source,
         mechanism,
-        tuple(_Columns(mechanism, document, f"log[{k}]" if many else "log").read(log) for k, log in enumerate(logs)),
+        tuple(
+            _Columns(mechanism, document, f"log[{k}]" if many else "log").read(log)
+            for k, log in enumerate(logs)
+        ),
         robot.preparation,
         entry,
         stated,
@@ -217,7 +252,10 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
 
 _FIELD = re.compile(r"\{(?:(\d+) *\* *)?(n|i|name)(?: *([+-]) *(\d+))?\}")
 
-EVERY, DRIVES = "all", "actuators"  # keys that stand for every coordinate (or output), and for every drive
+EVERY, DRIVES = (
+    "all",
+    "actuators",
+)  # keys that stand for every coordinate (or output), and for every drive
 
 
 class _Columns:
@@ -229,10 +267,15 @@ class _Columns:
         self.known = {**known_values(mechanism), PI: math.pi}
 
     def read(self, log: LogEntry) -> ColumnMap:
-        positions, velocities = self.mechanism.independent_positions, self.mechanism.independent_velocities
+        positions, velocities = (
+            self.mechanism.independent_positions,
+            self.mechanism.independent_velocities,
+        )
         outputs = tuple(output.name for output in self.mechanism.outputs)
         return ColumnMap(
-            None if log.time is None else self._channel(log.time, f"{self.path}.time", {}),
+            None
+            if log.time is None
+            else self._channel(log.time, f"{self.path}.time", {}),
             log.rate,
             self._channels(log.position, "position", positions),
             self._channels(log.velocity, "velocity", velocities),
@@ -242,7 +285,9 @@ class _Columns:
             self._channels(log.input, "input", velocities),
         )
 
-    def _channels(self, columns: Columns | None, key: str, names: Sequence[str]) -> dict[str, Channel]:
+    def _channels(
+        self, columns: Columns | None, key: str, names: Sequence[str]
+    ) -> dict[str, Channel]:
         """The channels of one quantity by coordinate, output or drive; what is stated by name comes before all."""
         if columns is None:
             return {}
@@ -252,7 +297,9 @@ class _Columns:
         for name, entry in columns.items():
             path = f"{self.path}.{key}.{name}"
             if name in (EVERY, DRIVES):
-                found |= dict(self._filled(entry, path, names if name == EVERY else self.drives))
+                found |= dict(
+                    self._filled(entry, path, names if name == EVERY else self.drives)
+                )
         for name, entry in columns.items():
             path = f"{self.path}.{key}.{name}"
             if name not in (EVERY, DRIVES):
@@ -263,15 +310,23 @@ class _Columns:
                 found[name] = self._channel(entry, path, {"name": name})
         return found
 
-    def _filled(self, entry: Column, path: str, names: Iterable[str]) -> Iterator[tuple[str, Channel]]:
+    def _filled(
+        self, entry: Column, path: str, names: Iterable[str]
+    ) -> Iterator[tuple[str, Channel]]:
         for i, name in enumerate(names):
             yield name, self._channel(entry, path, {"n": i + 1, "i": i, "name": name})
 
-    def _channel(self, entry: Column, path: str, fields: Mapping[str, object]) -> Channel:
+    def _channel(
+        self, entry: Column, path: str, fields: Mapping[str, object]
+    ) -> Channel:
         if isinstance(entry, str):
             return Channel(self._column(entry, path, fields))
         column = self._column(entry.column, f"{path}.column", fields)
-        return Channel(column, entry.unit, *(self._number(entry, part, path) for part in ("scale", "offset")))
+        return Channel(
+            column,
+            entry.unit,
+            *(self._number(entry, part, path) for part in ("scale", "offset")),
+        )
 
     def _column(self, template: str, path: str, fields: Mapping[str, object]) -> str:
         """A column's name; braces that name no field belong to the name, and numbers may be shifted: ``{n+12}``."""
@@ -300,10 +355,14 @@ class _Columns:
         for generator in value.generators():
             if symbol_of(generator) not in self.known:
                 hint = nearest(symbol_of(generator), self.known)
-                raise self.document.error(place, f"'{symbol_of(generator)}' in '{text}' has no value{hint}")
+                raise self.document.error(
+                    place, f"'{symbol_of(generator)}' in '{text}' has no value{hint}"
+                )
         number = value.at(self.known)
         if not math.isfinite(number) or (part == "scale" and number == 0):
             raise self.document.error(
-                place, f"'{text}' is {number}; a {part} must be finite" + " and not zero" * (not number)
+                place,
+                f"'{text}' is {number}; a {part} must be finite"
+                + " and not zero" * (not number),
             )
         return number

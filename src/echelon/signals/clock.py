@@ -53,8 +53,12 @@ class Stretches:
     """Where a clock runs on."""
 
     period: float  # nominal interval, s
-    pieces: tuple[Integers, ...]  # numbers of the samples of each stretch, whose stamps increase without gaps
-    duplicates: Integers  # samples with the stamp of the one before; they are in no piece
+    pieces: tuple[
+        Integers, ...
+    ]  # numbers of the samples of each stretch, whose stamps increase without gaps
+    duplicates: (
+        Integers  # samples with the stamp of the one before; they are in no piece
+    )
     backward: Integers  # samples before which the clock jumps back
     gaps: Integers  # samples before which there is a gap
 
@@ -75,11 +79,19 @@ class Regularity:
 def stretches(time: Floats, gap: float = GAP) -> Stretches:
     """Cut time stamps (N,), s, where they jump back or leave a gap of more than ``gap`` periods."""
     if not gap >= 1:
-        raise InputError(f"a gap must be at least one period, got {gap:g}", element="gap")
+        raise InputError(
+            f"a gap must be at least one period, got {gap:g}", element="gap"
+        )
     intervals = np.diff(time)
     if not np.any(intervals > 0):
-        never = "time runs backwards: sort the rows by time" if np.any(intervals < 0) else "time never advances"
-        raise InputError(never if len(time) > 1 else "one sample is too few for a clock")
+        never = (
+            "time runs backwards: sort the rows by time"
+            if np.any(intervals < 0)
+            else "time never advances"
+        )
+        raise InputError(
+            never if len(time) > 1 else "one sample is too few for a clock"
+        )
     duplicates = np.flatnonzero(intervals == 0) + 1
     if len(duplicates) > _REPEATED * len(time):
         raise InputError(
@@ -147,7 +159,14 @@ def regularity(time: Floats, period: float) -> Regularity:
     # late stamps leave room as lost samples do, but early ones after them take it back
     room = np.sum(np.maximum(np.rint(steps * rate) - 1, 0))
     missing = int(min(room, max(np.rint(since[-1] * rate) + 1 - len(time), 0)))
-    return Regularity(rate, uniform, float(steps.min()), float(steps.max()), float(steps.std()), missing)
+    return Regularity(
+        rate,
+        uniform,
+        float(steps.min()),
+        float(steps.max()),
+        float(steps.std()),
+        missing,
+    )
 
 
 def grid(first: float, last: float, rate: float) -> Floats:
@@ -165,7 +184,9 @@ def interpolated(time: Floats, values: Floats, wanted: Floats) -> Floats:
         return np.broadcast_to(values[:1], (len(wanted), *values.shape[1:])).copy()
     # an odd degree, because not-a-knot splines need one knot less per degree than there are samples
     degree = 3 if len(time) > 3 else 1
-    return np.asarray(make_interp_spline(time, values, degree)(np.clip(wanted, time[0], time[-1])))
+    return np.asarray(
+        make_interp_spline(time, values, degree)(np.clip(wanted, time[0], time[-1]))
+    )
 
 
 def low_passed(values: Floats, ratio: float) -> Floats:
@@ -180,7 +201,11 @@ def low_passed(values: Floats, ratio: float) -> Floats:
     half = taps // 2
     window = firwin(2 * half + 1, (1 + _PASSED) / 2 * ratio, window=("kaiser", beta))
     widths = [(half, half)] + [(0, 0)] * (values.ndim - 1)
-    longer = np.pad(values, widths, mode="reflect", reflect_type="odd") if len(values) > 1 else values
+    longer = (
+        np.pad(values, widths, mode="reflect", reflect_type="odd")
+        if len(values) > 1
+        else values
+    )
     if len(values) < 2:
         return values.copy()
     shape = (-1, *[1] * (values.ndim - 1))
@@ -208,5 +233,7 @@ def shifted(values: Floats, samples: float) -> Floats:
     if abs(rest) < 1e-12:
         return moved
     places = np.arange(-HALF, HALF + 1)
-    taps = np.array([np.prod([(rest - m) / (k - m) for m in places if m != k]) for k in places])
+    taps = np.array(
+        [np.prod([(rest - m) / (k - m) for m in places if m != k]) for k in places]
+    )
     return correlate1d(moved, taps, axis=0, mode="nearest")

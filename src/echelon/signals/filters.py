@@ -76,7 +76,11 @@ class ZeroPhase:
             low, high = high, 2 * high
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (middle, high) if 2 * float(weights @ size**middle) > influence else (low, middle)
+            low, high = (
+                (middle, high)
+                if 2 * float(weights @ size**middle) > influence
+                else (low, middle)
+            )
         return high
 
     def apply(self, values: Floats, padding: int) -> Floats:
@@ -99,7 +103,9 @@ class ZeroPhase:
         for k, pole in enumerate(poles):
             others = np.delete(poles, k)
             forwards = self.gain * np.prod(pole - self.zeros) / np.prod(pole - others)
-            backwards = self.gain * np.prod(1 / pole - self.zeros) / np.prod(1 / pole - poles)
+            backwards = (
+                self.gain * np.prod(1 / pole - self.zeros) / np.prod(1 / pole - poles)
+            )
             found[k] = forwards * backwards / pole
         return found
 
@@ -139,9 +145,13 @@ def butterworth(cutoff: float, rate: float, order: int = 4) -> ZeroPhase:
 
     check_cutoff(cutoff, rate)
     if not 1 <= order <= 12:
-        raise InputError(f"order {order} of a Butterworth filter: expected a whole number from 1 to 12")
+        raise InputError(
+            f"order {order} of a Butterworth filter: expected a whole number from 1 to 12"
+        )
     zeros, poles, gain = butter(order, cutoff, fs=rate, output="zpk")
-    return ZeroPhase(np.asarray(zeros, complex), np.asarray(poles, complex), float(gain))
+    return ZeroPhase(
+        np.asarray(zeros, complex), np.asarray(poles, complex), float(gain)
+    )
 
 
 def lowpass(values: Floats, cutoff: float, rate: float, order: int = 4) -> Floats:
@@ -181,7 +191,9 @@ class FirFilter:
     def reach(self) -> int:
         """Samples on either side that a result depends on."""
         own = len(self.taps) // 2
-        return own if self.before is None else self.before.reach + own * self.before.factor
+        return (
+            own if self.before is None else self.before.reach + own * self.before.factor
+        )
 
     def kept(self, count: int) -> Integers:
         """Indices of the samples, of ``count``, that remain: the multiples of ``factor``."""
@@ -193,22 +205,34 @@ class FirFilter:
         Near its ends, where a part of the filter lies outside the signal, the part inside is scaled to sum 1: a mean of
         what is there.  Both sides of an equation are still filtered alike, so no row is spoilt.
         """
-        values = np.asarray(values, dtype=np.float64) if self.before is None else self.before.apply(values)
+        values = (
+            np.asarray(values, dtype=np.float64)
+            if self.before is None
+            else self.before.apply(values)
+        )
         table = np.ascontiguousarray(values.reshape(len(values), -1))
         half, results = len(self.taps) // 2, -(-len(table) // self.step)
         found = np.empty((results, table.shape[1]))
         first, last = -(-half // self.step), (len(table) - 1 - half) // self.step + 1
         if first < last:
-            windows = sliding_window_view(table[first * self.step - half :], len(self.taps), axis=0)[:: self.step]
-            np.matmul(self.taps, windows[: last - first].swapaxes(1, 2), out=found[first:last])
+            windows = sliding_window_view(
+                table[first * self.step - half :], len(self.taps), axis=0
+            )[:: self.step]
+            np.matmul(
+                self.taps, windows[: last - first].swapaxes(1, 2), out=found[first:last]
+            )
         for row in (k for k in range(results) if not first <= k < last):
             start = row * self.step - half
             taps = self.taps[max(0, -start) : len(table) - start]
-            found[row] = taps @ table[max(0, start) : start + len(self.taps)] / taps.sum()
+            found[row] = (
+                taps @ table[max(0, start) : start + len(self.taps)] / taps.sum()
+            )
         return found.reshape(results, *values.shape[1:])
 
 
-def fir_lowpass(cutoff: float, rate: float, factor: int = 1, *, width: float | None = None) -> FirFilter:
+def fir_lowpass(
+    cutoff: float, rate: float, factor: int = 1, *, width: float | None = None
+) -> FirFilter:
     """A symmetric finite low-pass by Kaiser's window, with decimation.
 
     The pass-band ends at the cut-off, Hz.  The stop-band begins ``width`` Hz above it; by default that is half the
@@ -221,9 +245,18 @@ def fir_lowpass(cutoff: float, rate: float, factor: int = 1, *, width: float | N
     if width is None:
         width = min(WIDEST * cutoff, rate / factor - 2 * cutoff)
     if width < LOWEST * rate:
-        raise InputError(f"a filter whose edge is {width:g} Hz wide is too long at {rate:g} samples per second")
-    half = ceil((ATTENUATION - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2)  # Kaiser's formula
-    taps = firwin(2 * half + 1, cutoff + width / 2, window=("kaiser", kaiser_beta(ATTENUATION)), fs=rate)
+        raise InputError(
+            f"a filter whose edge is {width:g} Hz wide is too long at {rate:g} samples per second"
+        )
+    half = ceil(
+        (ATTENUATION - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2
+    )  # Kaiser's formula
+    taps = firwin(
+        2 * half + 1,
+        cutoff + width / 2,
+        window=("kaiser", kaiser_beta(ATTENUATION)),
+        fs=rate,
+    )
     taps = (taps + taps[::-1]) / 2
     return FirFilter(taps / taps.sum(), factor)
 
@@ -246,8 +279,12 @@ def reduction(edge: float, rate: float) -> FirFilter | None:
 
 
 _WEIGHTS = {
-    1: np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]),
-    2: np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560]),
+    1: np.array(
+        [1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]
+    ),
+    2: np.array(
+        [-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560]
+    ),
 }
 
 REACH = 4  # samples on either side that derivatives depend on
@@ -261,7 +298,9 @@ def derivative(values: Floats, rate: float, order: int = 1) -> Floats:
         from scipy.ndimage import correlate1d
 
     widths = [(REACH, REACH)] + [(0, 0)] * (np.ndim(values) - 1)
-    longer = np.pad(np.asarray(values, dtype=np.float64), widths, mode="reflect", reflect_type="odd")
+    longer = np.pad(
+        np.asarray(values, dtype=np.float64), widths, mode="reflect", reflect_type="odd"
+    )
     return correlate1d(longer, _WEIGHTS[order] * rate**order, axis=0)[REACH:-REACH]
 
 

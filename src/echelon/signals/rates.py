@@ -22,7 +22,10 @@ from echelon.signals.clock import GAP
 _WINDOWS = 400  # so that one of a minute's motion is a tenth of what a joint takes to turn back
 _SHORTEST = 2  # samples of a window
 _BLOCKS = 16  # enough for an error of 20 % of a standard error
-_JUMP, _USUAL = 5.0, 95.0  # travels beyond so many times the percentile of their sizes are those of encoders set anew
+_JUMP, _USUAL = (
+    5.0,
+    95.0,
+)  # travels beyond so many times the percentile of their sizes are those of encoders set anew
 CLEAR = 4.0  # standard errors of what is said of a column
 
 
@@ -37,12 +40,18 @@ class Rate:
     @property
     def relative(self) -> float:
         """Standard error of the slope as a share of it; inf where nothing moves."""
-        return self.error / abs(self.slope) if np.isfinite(self.slope) and self.slope else np.inf
+        return (
+            self.error / abs(self.slope)
+            if np.isfinite(self.slope) and self.slope
+            else np.inf
+        )
 
     def explains_more(self, other: Rate) -> bool:
         """Whether this leaves less than the other, by more than chance; in each block by its own size."""
         least = np.finfo(float).tiny
-        gained = np.log(np.maximum(other.squares, least) / np.maximum(self.squares, least))
+        gained = np.log(
+            np.maximum(other.squares, least) / np.maximum(self.squares, least)
+        )
         return bool(gained.mean() > CLEAR * gained.std(ddof=1) / np.sqrt(len(gained)))
 
 
@@ -59,7 +68,9 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
         return nothing
     # by cubics through four samples: at 50 Hz, trapezoids would miss a fast joint's travel by a thousandth
     wider = np.pad(measured, 1, mode="edge")
-    integrals = (13 * (measured[1:] + measured[:-1]) - wider[:-3] - wider[3:]) / 24 * step
+    integrals = (
+        (13 * (measured[1:] + measured[:-1]) - wider[:-3] - wider[3:]) / 24 * step
+    )
     integrals[(step < 0) | (step > GAP * np.median(step[ends[:-1]]))] = np.nan
     area = np.add.reduceat(integrals[: ends[-1]], ends[:-1])[1:-1]
     places = signal[ends]
@@ -69,7 +80,10 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     if inside.sum() < _BLOCKS:
         return nothing
     # means are taken off: velocities have offsets
-    moved, around, area = (np.where(inside, some - some[inside].mean(), 0.0) for some in (moved, around, area))
+    moved, around, area = (
+        np.where(inside, some - some[inside].mean(), 0.0)
+        for some in (moved, around, area)
+    )
     travelled = float(around @ moved)
     if travelled <= 0:
         return nothing
@@ -77,9 +91,17 @@ def rate(signal: Floats, measured: Floats, time: Floats) -> Rate:
     left = area - slope * moved
     sums = np.array([block.sum() for block in np.array_split(around * left, _BLOCKS)])
     squares = np.array([block @ block for block in np.array_split(left, _BLOCKS)])
-    return Rate(slope, float(np.sqrt(sums @ sums * _BLOCKS / (_BLOCKS - 1))) / travelled, squares)
+    return Rate(
+        slope,
+        float(np.sqrt(sums @ sums * _BLOCKS / (_BLOCKS - 1))) / travelled,
+        squares,
+    )
 
 
 def _usual(travels: Floats, inside: Flags) -> Flags:
     sizes = np.abs(travels)
-    return sizes <= _JUMP * np.percentile(sizes[inside], _USUAL) if inside.any() else inside
+    return (
+        sizes <= _JUMP * np.percentile(sizes[inside], _USUAL)
+        if inside.any()
+        else inside
+    )

@@ -27,10 +27,15 @@ from echelon.extras import extra
 LEAST_SAMPLES = 64  # fewest samples from which a spectrum can be told
 _PARTS = 4  # windows, without overlap, into which a signal is cut: so few for their resolution, so many for their mean
 
-_QUANTILE, _NORMAL = 0.9, 1.6449  # and that of the absolute value of a standard normal variable
+_QUANTILE, _NORMAL = (
+    0.9,
+    1.6449,
+)  # and that of the absolute value of a standard normal variable
 _LONGEST = 1 << 15
 _BINS = 1000
-_PER_OCTAVE = 8  # points of the smoothed spectrum, which the floor is taken from, per octave
+_PER_OCTAVE = (
+    8  # points of the smoothed spectrum, which the floor is taken from, per octave
+)
 
 _CLEARLY = 4.0  # how far motion stands above the floor; less can be chance
 
@@ -51,7 +56,9 @@ class Spectrum:
 
     rate: float  # samples per second
     frequencies: Floats  # shape (F,); Hz, without zero
-    power: Floats  # shape (F,); one-sided density of the position, its unit squared per Hz
+    power: (
+        Floats  # shape (F,); one-sided density of the position, its unit squared per Hz
+    )
     noise: Floats  # shape (F,); the part of it that is noise
 
     @property
@@ -68,9 +75,15 @@ class Spectrum:
         """Mean square error of accelerations after low-passes of some cut-offs, by the motion's mean square."""
         weight = (2 * np.pi * self.frequencies) ** 4
         last = len(self.frequencies)
-        bins = np.unique(np.geomspace(1, last, min(last, _BINS)).astype(int)) - 1  # the low frequencies one by one
-        middle = np.sqrt(self.frequencies[bins] * self.frequencies[np.append(bins[1:], last) - 1])
-        motion, noise = (np.add.reduceat(part * weight, bins) for part in (self.motion, self.noise))
+        bins = (
+            np.unique(np.geomspace(1, last, min(last, _BINS)).astype(int)) - 1
+        )  # the low frequencies one by one
+        middle = np.sqrt(
+            self.frequencies[bins] * self.frequencies[np.append(bins[1:], last) - 1]
+        )
+        motion, noise = (
+            np.add.reduceat(part * weight, bins) for part in (self.motion, self.noise)
+        )
         passed = 1 / (1 + (middle / cutoffs[:, None]) ** (2 * _ORDER))
         error = (1 - passed) ** 2 @ motion + passed**2 @ noise
         total = float(motion.sum())
@@ -80,26 +93,41 @@ class Spectrum:
         """Mean frequency of the velocity by Rice's formula, σ(ẍ) / (2π σ(ẋ)), Hz, over frequencies up to ``below``."""
         power = self.motion * self.frequencies**2 * (self.frequencies <= below)
         total = float(power.sum())
-        return float(np.sqrt(float(power @ self.frequencies**2) / total)) if total > 0 else 0.0
+        return (
+            float(np.sqrt(float(power @ self.frequencies**2) / total))
+            if total > 0
+            else 0.0
+        )
 
 
 def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
     """Spectrum of a position (N,) and of its noise, from one stretch or from several between gaps."""
     pieces = values if isinstance(values, list | tuple) else [values]
-    return spectra([np.asarray(piece, dtype=np.float64)[:, None] for piece in pieces], rate)[0]
+    return spectra(
+        [np.asarray(piece, dtype=np.float64)[:, None] for piece in pieces], rate
+    )[0]
 
 
 def spectra(pieces: Sequence[Floats], rate: float) -> list[Spectrum]:
     """Spectra of positions (N, columns) and of their noise, from one stretch or from several between gaps."""
     longest = max((len(piece) for piece in pieces), default=0)
     if longest < LEAST_SAMPLES:
-        raise InputError(f"{longest} samples are too few for a spectrum; at least {LEAST_SAMPLES} are needed")
-    frequencies, densities = _differences(pieces, rate, min((longest - 1) // _PARTS, _LONGEST))
+        raise InputError(
+            f"{longest} samples are too few for a spectrum; at least {LEAST_SAMPLES} are needed"
+        )
+    frequencies, densities = _differences(
+        pieces, rate, min((longest - 1) // _PARTS, _LONGEST)
+    )
     smooth = np.maximum(_medians(frequencies, densities), np.finfo(float).tiny)
-    return [_divided(rate, frequencies, *parts) for parts in zip(densities.T, smooth.T, strict=True)]
+    return [
+        _divided(rate, frequencies, *parts)
+        for parts in zip(densities.T, smooth.T, strict=True)
+    ]
 
 
-def _divided(rate: float, frequencies: Floats, density: Floats, smooth: Floats) -> Spectrum:
+def _divided(
+    rate: float, frequencies: Floats, density: Floats, smooth: Floats
+) -> Spectrum:
     """A position's spectrum, divided into motion and noise, from that of its differences, also smoothed."""
     step = 2 * np.sin(np.pi * frequencies / rate)
     power = density / step**2
@@ -109,10 +137,14 @@ def _divided(rate: float, frequencies: Floats, density: Floats, smooth: Floats) 
     knee = _best(Spectrum(rate, frequencies, power, np.where(moves, floor, power)))
     flat = floor[min(int(np.searchsorted(frequencies, knee)), len(floor) - 1)]
     floor = np.where(frequencies < knee, np.minimum(floor, flat), floor)
-    return Spectrum(rate, frequencies, power, np.where(moves, np.minimum(floor, power), power))
+    return Spectrum(
+        rate, frequencies, power, np.where(moves, np.minimum(floor, power), power)
+    )
 
 
-def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Floats, Floats]:
+def _differences(
+    pieces: Sequence[Floats], rate: float, length: int
+) -> tuple[Floats, Floats]:
     """Frequencies without zero, shape (F,), and the mean spectra of differences, shape (F, columns).
 
     Slow motion is so much stronger than the noise that it would leak over all of it if it were not differenced first;
@@ -125,7 +157,14 @@ def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Fl
     for piece in pieces:
         if len(piece) > length:
             rises = np.diff(piece, axis=0)
-            f, density = welch(rises, rate, window="blackman", nperseg=length, detrend="constant", axis=0)
+            f, density = welch(
+                rises,
+                rate,
+                window="blackman",
+                nperseg=length,
+                detrend="constant",
+                axis=0,
+            )
             total += len(piece) * density[1 : length // 2 + 1]
             weights += len(piece)
     return np.asarray(f[1 : length // 2 + 1], dtype=np.float64), total / weights
@@ -134,7 +173,11 @@ def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Fl
 def _medians(frequencies: Floats, densities: Floats) -> Floats:
     """Densities (F, columns) smoothed by medians over narrow bands, which single lines do not raise."""
     octaves = np.log2(frequencies[-1] / frequencies[0])
-    edges = np.geomspace(frequencies[0], frequencies[-1] * (1 + 1e-9), max(2, int(_PER_OCTAVE * octaves)) + 1)
+    edges = np.geomspace(
+        frequencies[0],
+        frequencies[-1] * (1 + 1e-9),
+        max(2, int(_PER_OCTAVE * octaves)) + 1,
+    )
     centres, medians = [], []
     for low, high in pairwise(np.searchsorted(frequencies, edges)):
         if high > low:
@@ -142,7 +185,11 @@ def _medians(frequencies: Floats, densities: Floats) -> Floats:
             medians.append(np.median(densities[max(0, low - 1) : high + 1], axis=0))
     logs = np.log(np.maximum(np.array(medians), np.finfo(float).tiny))
     places, known = np.log(frequencies), np.log(np.array(centres))
-    return np.asarray(np.exp(np.stack([np.interp(places, known, column) for column in logs.T], axis=1)))
+    return np.asarray(
+        np.exp(
+            np.stack([np.interp(places, known, column) for column in logs.T], axis=1)
+        )
+    )
 
 
 def _stretches(ratio: Floats) -> npt.NDArray[np.bool_]:
@@ -156,7 +203,9 @@ def _stretches(ratio: Floats) -> npt.NDArray[np.bool_]:
 def _best(spectrum: Spectrum) -> float:
     """The cut-off that does least harm, of those that are worth a filter."""
     low = float(spectrum.frequencies[0])
-    candidates = np.geomspace(low, max(_HIGHEST * spectrum.rate, 1.01 * low), _CANDIDATES)
+    candidates = np.geomspace(
+        low, max(_HIGHEST * spectrum.rate, 1.01 * low), _CANDIDATES
+    )
     return float(candidates[int(np.argmin(spectrum.filter_error(candidates)))])
 
 
@@ -166,11 +215,15 @@ def best_cutoff(spectrum: Spectrum) -> float:
     return found if found < 0.99 * _HIGHEST * spectrum.rate else np.inf
 
 
-def noise_deviation(spectrum: Spectrum, derivative: int = 0, cutoff: float = np.inf) -> float:
+def noise_deviation(
+    spectrum: Spectrum, derivative: int = 0, cutoff: float = np.inf
+) -> float:
     """Standard deviation of the noise of a derivative after a Butterworth low-pass both ways; the cut-off is in Hz."""
     f = spectrum.frequencies
     passed = 1 / (1 + (f / cutoff) ** (2 * _ORDER)) ** 2
-    variance = float(spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))) * float(f[0])
+    variance = float(
+        spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))
+    ) * float(f[0])
     return float(np.sqrt(variance))
 
 
@@ -181,4 +234,8 @@ def white_noise(values: Floats, order: int) -> float:
     quantile tells their size, which single jumps, as of dry friction, do not sway.
     """
     differences = np.abs(np.diff(values, order))
-    return float(np.quantile(differences, _QUANTILE)) / _NORMAL / sqrt(comb(2 * order, order))
+    return (
+        float(np.quantile(differences, _QUANTILE))
+        / _NORMAL
+        / sqrt(comb(2 * order, order))
+    )

@@ -20,9 +20,19 @@ from echelon.errors import EchelonError, InputError, one_line
 from echelon.files import write_atomically
 from echelon.report.page import Context, render, script_safe
 from echelon.version import __version__
-from echelon.zoo.exhibit import TEMPLATES, Found, Row, Task, build_exhibit, robot_files, usual_folders
+from echelon.zoo.exhibit import (
+    TEMPLATES,
+    Found,
+    Row,
+    Task,
+    build_exhibit,
+    robot_files,
+    usual_folders,
+)
 
-Progress = Callable[[int, int, Row | None], None]  # told how many robots are done, of how many, and the last one's row
+Progress = Callable[
+    [int, int, Row | None], None
+]  # told how many robots are done, of how many, and the last one's row
 
 _DESCRIPTIONS = (".yaml", ".yml")
 
@@ -43,14 +53,28 @@ def build_zoo(
     """
     searched = list(sources) or usual_folders()
     if not searched:
-        raise InputError("no robots are installed: pip install example-robot-data, or name folders with --from")
-    tasks = [task for found in robot_files(searched) for task in _tasks(found, folder, site)]
-    chosen = {t.slug for t in tasks if fnmatch(t.found.slug, only) or fnmatch(t.found.place, only)}
+        raise InputError(
+            "no robots are installed: pip install example-robot-data, or name folders with --from"
+        )
+    tasks = [
+        task for found in robot_files(searched) for task in _tasks(found, folder, site)
+    ]
+    chosen = {
+        t.slug
+        for t in tasks
+        if fnmatch(t.found.slug, only) or fnmatch(t.found.place, only)
+    }
     if not chosen:
-        raise InputError(f"no robot file matches '{only}' in {', '.join(map(str, searched))}")
+        raise InputError(
+            f"no robot file matches '{only}' in {', '.join(map(str, searched))}"
+        )
     rows = {task.slug: task.finished() for task in tasks}
-    waiting = [task for task in tasks if task.slug in chosen and rows[task.slug] is None]
-    write_index(folder, [row for row in rows.values() if row is not None], site)  # a build that is stopped can go on
+    waiting = [
+        task for task in tasks if task.slug in chosen and rows[task.slug] is None
+    ]
+    write_index(
+        folder, [row for row in rows.values() if row is not None], site
+    )  # a build that is stopped can go on
     progress(0, len(waiting), None)
     for done, (task, row) in enumerate(_built(waiting, jobs, seconds), 1):
         rows[task.slug] = row
@@ -62,7 +86,10 @@ def build_zoo(
 def _tasks(found: Found, folder: Path, site: str) -> list[Task]:
     """A description states its base itself; other files are read with a fixed and with a floating one."""
     stated = found.path.suffix.lower() in _DESCRIPTIONS
-    return [Task(found, floating, folder, site) for floating in ((False,) if stated else (False, True))]
+    return [
+        Task(found, floating, folder, site)
+        for floating in ((False,) if stated else (False, True))
+    ]
 
 
 # -- processes ---------------------------------------------------------------------------------------------------------
@@ -76,9 +103,13 @@ class _Running:
     until: float
 
 
-def _built(tasks: Sequence[Task], jobs: int, seconds: float) -> Iterator[tuple[Task, Row | None]]:
+def _built(
+    tasks: Sequence[Task], jobs: int, seconds: float
+) -> Iterator[tuple[Task, Row | None]]:
     """Rows as they are done."""
-    context: Any = multiprocessing.get_context("spawn" if os.name == "nt" else "forkserver")
+    context: Any = multiprocessing.get_context(
+        "spawn" if os.name == "nt" else "forkserver"
+    )
     if os.name != "nt":
         context.set_forkserver_preload([__name__])
     waiting, running = list(reversed(tasks)), list[_Running]()
@@ -88,7 +119,9 @@ def _built(tasks: Sequence[Task], jobs: int, seconds: float) -> Iterator[tuple[T
                 running.append(_started(context, waiting.pop(), seconds))
             rest = max(min(one.until for one in running) - monotonic(), 0.0)
             ready = wait([one.answer for one in running], timeout=rest)
-            for one in [one for one in running if one.answer in ready or monotonic() > one.until]:
+            for one in [
+                one for one in running if one.answer in ready or monotonic() > one.until
+            ]:
                 running.remove(one)
                 yield one.task, _ended(one, seconds)
     finally:
@@ -106,7 +139,9 @@ def _started(context: Any, task: Task, seconds: float) -> _Running:
 
 def _work(task: Task, answer: Connection) -> None:
     """In a process of its own, which ends with the one that started it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the first of them ends the others
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C reaches all processes; the first of them ends the others
     Thread(target=_end_with_parent, daemon=True).start()
     try:
         row = build_exhibit(task)
@@ -132,7 +167,12 @@ def _ended(one: _Running, seconds: float) -> Row | None:
             row: Row | None = one.answer.recv()
             return row
         late = monotonic() > one.until
-        return _failed(one.task, f"not done within {seconds:g} s" if late else "its process ended without an answer")
+        return _failed(
+            one.task,
+            f"not done within {seconds:g} s"
+            if late
+            else "its process ended without an answer",
+        )
     except EOFError:
         return _failed(one.task, "its process ended without an answer")
     finally:
@@ -152,10 +192,21 @@ def write_index(folder: Path, rows: Sequence[Row], site: str = "") -> None:
     """The page that leads to all others, and its rows as ``zoo.json``."""
     good = [row for row in rows if "failed" not in row]
     failed = [row for row in rows if "failed" in row]
-    shown = {"rows": good, "failed": failed, "plot": _plot(good), "version": __version__, "site": site}
+    shown = {
+        "rows": good,
+        "failed": failed,
+        "plot": _plot(good),
+        "version": __version__,
+        "site": site,
+    }
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / "zoo.json", script_safe({"version": __version__, "robots": list(rows)}) + "\n")
-    write_atomically(folder / "index.html", render("index.html.j2", shown, TEMPLATES) + "\n")
+    write_atomically(
+        folder / "zoo.json",
+        script_safe({"version": __version__, "robots": list(rows)}) + "\n",
+    )
+    write_atomically(
+        folder / "index.html", render("index.html.j2", shown, TEMPLATES) + "\n"
+    )
 
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 720.0, 420.0, 56.0, 44.0  # of the plot, px
@@ -178,7 +229,9 @@ def _plot(rows: Sequence[Row]) -> Context | None:
         return place(value, _HEIGHT - _BOTTOM, 12)
 
     ticks = [t for e in range(4) for t in (10**e, 3 * 10**e) if t < high]
-    dots = [{"x": x(row["standard"]), "y": y(row["rank"]), "row": row} for row in points]
+    dots = [
+        {"x": x(row["standard"]), "y": y(row["rank"]), "row": row} for row in points
+    ]
     return {
         "width": _WIDTH,
         "height": _HEIGHT,

@@ -64,8 +64,16 @@ class Found:
 
 def usual_folders() -> list[Path]:
     """The folders of the packages ``example-robot-data`` and ``robot_descriptions`` that are there."""
-    installed = Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
-    cached = Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions")).expanduser()
+    installed = (
+        Path(sysconfig.get_path("purelib"))
+        / "cmeel.prefix"
+        / "share"
+        / "example-robot-data"
+        / "robots"
+    )
+    cached = Path(
+        os.environ.get("ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions")
+    ).expanduser()
     return [folder for folder in (installed, cached) if folder.is_dir()]
 
 
@@ -75,11 +83,16 @@ def robot_files(folders: Sequence[Path]) -> list[Found]:
     for folder in folders:
         if not folder.is_dir():
             raise InputError("is not a directory", source=str(folder))
-        paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _ROOTS and path.is_file())
+        paths = sorted(
+            path
+            for path in folder.rglob("*")
+            if path.suffix.lower() in _ROOTS and path.is_file()
+        )
         found += [(path, path.relative_to(folder)) for path in paths if _is_robot(path)]
     stems = Counter(_slug(place.stem) for _, place in found)
     return [
-        Found(path, place.as_posix(), slug) for (path, place), slug in zip(found, _slugs(found, stems), strict=True)
+        Found(path, place.as_posix(), slug)
+        for (path, place), slug in zip(found, _slugs(found, stems), strict=True)
     ]
 
 
@@ -104,7 +117,11 @@ def stands_alone(path: Path) -> bool:
     """Whether a robot file needs no other file and no MuJoCo, so that the explorer can read it in a browser."""
     if path.suffix not in (".urdf", ".yaml"):
         return False
-    return not re.search(r"^(robot|model):", path.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
+    return not re.search(
+        r"^(robot|model):",
+        path.read_text(encoding="utf-8", errors="replace"),
+        re.MULTILINE,
+    )
 
 
 def _is_robot(path: Path) -> bool:
@@ -112,7 +129,10 @@ def _is_robot(path: Path) -> bool:
     if not pattern:
         return True
     try:
-        return path.stat().st_size < _LARGEST and re.search(pattern, path.read_bytes()) is not None
+        return (
+            path.stat().st_size < _LARGEST
+            and re.search(pattern, path.read_bytes()) is not None
+        )
     except OSError:
         return False
 
@@ -121,7 +141,10 @@ TEMPLATES = Path(__file__).with_name("templates")
 ROW = "row.json"
 _FUNCTIONS = ("regressor", "inverse_dynamics")
 _SNAPS = 200  # that are listed
-_MOST_SENSED, _MOST_DRAWN = 450, 300  # standard parameters of robots with sets of sensors, and with a picture of B
+_MOST_SENSED, _MOST_DRAWN = (
+    450,
+    300,
+)  # standard parameters of robots with sets of sensors, and with a picture of B
 Row = dict[str, Any]  # what the index knows of a robot; plain data
 
 
@@ -142,17 +165,26 @@ class Task:
     @property
     def key(self) -> str:
         """Digest of the file's content and of the program: what is there for the same key is not built again."""
-        return hashlib.sha256(_program() + self.site.encode() + self.found.path.read_bytes()).hexdigest()
+        return hashlib.sha256(
+            _program() + self.site.encode() + self.found.path.read_bytes()
+        ).hexdigest()
 
     @property
     def start(self) -> Row:
         """What is known before anything is derived."""
-        return {"slug": self.slug, "place": self.found.place, "floating": self.floating, "version": __version__}
+        return {
+            "slug": self.slug,
+            "place": self.found.place,
+            "floating": self.floating,
+            "version": __version__,
+        }
 
     def finished(self) -> Row | None:
         """Its row, if it was built of the same file by the same program."""
         try:
-            row: Row = json.loads((self.folder / self.slug / ROW).read_text(encoding="utf-8"))
+            row: Row = json.loads(
+                (self.folder / self.slug / ROW).read_text(encoding="utf-8")
+            )
             return row if row["key"] == self.key else None
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -162,7 +194,11 @@ class Task:
 def _program() -> bytes:
     package = Path(echelon.__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(path for path in package.rglob("*") if path.suffix in (".py", ".j2", ".css", ".js")):
+    for path in sorted(
+        path
+        for path in package.rglob("*")
+        if path.suffix in (".py", ".j2", ".css", ".js")
+    ):
         digest.update(path.read_bytes())
     return digest.digest()
 
@@ -176,7 +212,10 @@ def build_exhibit(task: Task) -> Row | None:
         robot, wrong = _read(task.found.path, floating=True)
     base = base_parameters(robot)
     sources, missing = _sources(base)
-    sensors, wrong = _sensors(base), [*wrong, *(asdict(fault) for fault in faults(base))]
+    sensors, wrong = (
+        _sensors(base),
+        [*wrong, *(asdict(fault) for fault in faults(base))],
+    )
     reading = base.reading
     row: Row = {
         **task.start,
@@ -194,30 +233,46 @@ def build_exhibit(task: Task) -> Row | None:
         "faults": wrong,
     }
     shown = {**_page(base, row, sensors, sources, missing), "site": task.site}
-    files = {"set.json": to_json(base), "base.tex": to_latex(base, full=True), **sources}
+    files = {
+        "set.json": to_json(base),
+        "base.tex": to_latex(base, full=True),
+        **sources,
+    }
     files["index.html"] = render_page("robot.html.j2", shown, TEMPLATES) + "\n"
     written_into(task.folder / task.slug, files)
-    write_atomically(task.folder / task.slug / ROW, json.dumps(row, indent=1, ensure_ascii=False) + "\n")
+    write_atomically(
+        task.folder / task.slug / ROW,
+        json.dumps(row, indent=1, ensure_ascii=False) + "\n",
+    )
     return row
 
 
 def _doubts(base: BaseModel) -> list[str]:
     """Why the file may have more base parameters than the robot that was meant."""
     found = [base.reading.doubt] if base.reading.doubt else []
-    if any(symbol.value is None for name, symbol in base.mechanism.symbols.items() if name in base.matrix.symbols):
+    if any(
+        symbol.value is None
+        for name, symbol in base.mechanism.symbols.items()
+        if name in base.matrix.symbols
+    ):
         return found
     largest = float(np.max(np.abs(base.B_float()), initial=0.0))
     if largest < _BEYOND_MEANING:
         return found
     problem = f"Coefficients are as large as {largest:.0e}: the rounded numbers of the file keep parameters apart"
-    return [*found, f"{problem} by almost nothing. The robot that was meant probably has fewer base parameters."]
+    return [
+        *found,
+        f"{problem} by almost nothing. The robot that was meant probably has fewer base parameters.",
+    ]
 
 
 def _in_explorer(task: Task) -> str:
     """The address of the robot in the explorer, seen from the zoo's folder; empty if it is not there."""
     if not task.site or not stands_alone(task.found.path):
         return ""
-    chosen = {"robot": task.found.slug + task.found.path.suffix} | ({"floating": "yes"} if task.floating else {})
+    chosen = {"robot": task.found.slug + task.found.path.suffix} | (
+        {"floating": "yes"} if task.floating else {}
+    )
     return f"{task.site}explorer/index.html#{urlencode(chosen)}"
 
 
@@ -232,23 +287,45 @@ def _read(path: Path, **reading: Any) -> tuple[Mechanism, list[Any]]:
             raise error from None
         problem = error.problem.partition(" (--mimic")[0]
         reason = "all joints are taken as independent here, and couplings would leave fewer base parameters"
-        return robot, [asdict(Fault(one_line(error.element or "couplings"), one_line(problem), None, reason))]
+        return robot, [
+            asdict(
+                Fault(
+                    one_line(error.element or "couplings"),
+                    one_line(problem),
+                    None,
+                    reason,
+                )
+            )
+        ]
 
 
 def _moves(robot: Mechanism) -> bool:
     """Whether the base moves already: a body on the ground floats, or the file has it on a joint to the world."""
-    if any(motion.kind is MotionKind.BALL for body in robot.bodies if body.parent < 0 for motion in body.joint.motions):
+    if any(
+        motion.kind is MotionKind.BALL
+        for body in robot.bodies
+        if body.parent < 0
+        for motion in body.joint.motions
+    ):
         return True
     _, tree = read_from(robot)
-    hanging = [link for link in tree.links if link.parent == 0] if tree is not None and tree.root_is_world else []
-    return len(hanging) == 1 and any(not isinstance(step, LiteralPlacement) for step in hanging[0].steps)
+    hanging = (
+        [link for link in tree.links if link.parent == 0]
+        if tree is not None and tree.root_is_world
+        else []
+    )
+    return len(hanging) == 1 and any(
+        not isinstance(step, LiteralPlacement) for step in hanging[0].steps
+    )
 
 
 def _sources(base: BaseModel) -> tuple[dict[str, str], str]:
     """Source in C and Python, by file name; and why there is none."""
     try:
         return {
-            name: text for target in ("c", "python") for name, text in generate(base, target, _FUNCTIONS).items()
+            name: text
+            for target in ("c", "python")
+            for name, text in generate(base, target, _FUNCTIONS).items()
         }, ""
     except EchelonError as error:
         return {}, one_line(str(error))
@@ -264,7 +341,10 @@ def _sensors(base: BaseModel) -> Context:
         report = sensor_report(base.mechanism)
     except EchelonError as error:
         return {"problem": one_line(str(error))}
-    single = sorted(((one_line(names[0]), rank) for names, rank in report.ranks.items()), key=lambda pair: -pair[1])
+    single = sorted(
+        ((one_line(names[0]), rank) for names, rank in report.ranks.items()),
+        key=lambda pair: -pair[1],
+    )
     return {
         "problem": "",
         "rank": report.rank,
@@ -274,7 +354,9 @@ def _sensors(base: BaseModel) -> Context:
     }
 
 
-def _page(base: BaseModel, row: Row, sensors: Context, sources: dict[str, str], missing: str) -> Context:
+def _page(
+    base: BaseModel, row: Row, sensors: Context, sources: dict[str, str], missing: str
+) -> Context:
     drawn = len(base.parameters) <= _MOST_DRAWN
     return {
         "row": row,
@@ -284,7 +366,9 @@ def _page(base: BaseModel, row: Row, sensors: Context, sources: dict[str, str], 
         "columns": PARAMETERS,
         "table": _table(base),
         "links": seen_links(base),
-        "structure": {"picture": matrix_picture(base), "mergings": mergings(base)} if drawn else None,
+        "structure": {"picture": matrix_picture(base), "mergings": mergings(base)}
+        if drawn
+        else None,
         "groups": _groups(base),
         "snaps": base.reading.snaps[:_SNAPS],
         "more_snaps": max(len(base.reading.snaps) - _SNAPS, 0),
@@ -301,7 +385,13 @@ def _page(base: BaseModel, row: Row, sensors: Context, sources: dict[str, str], 
 def _table(base: BaseModel) -> list[Context]:
     """One row per body: its title, and for each of XX … M a mark, a class of the style sheet, and what it means."""
     return [
-        {"title": title, "cells": [(mark, CLASSES[kind], kind.value) if kind else ("", "", "") for mark, kind in cells]}
+        {
+            "title": title,
+            "cells": [
+                (mark, CLASSES[kind], kind.value) if kind else ("", "", "")
+                for mark, kind in cells
+            ],
+        }
         for title, cells in classification_rows(base)
     ]
 
@@ -309,19 +399,44 @@ def _table(base: BaseModel) -> list[Context]:
 def _groups(base: BaseModel) -> list[Context]:
     """Closed forms by the body of their representatives, with their LaTeX."""
     mechanism, style = base.mechanism, LatexStyle()
-    forms = zip(range(base.rank), base.matrix.pivots, base.expressions, ClosedForms(base).all(), strict=True)
+    forms = zip(
+        range(base.rank),
+        base.matrix.pivots,
+        base.expressions,
+        ClosedForms(base).all(),
+        strict=True,
+    )
     found = []
     for body, some in groupby(forms, key=lambda form: mechanism.columns[form[1]].body):
         rows: list[Context] = [
-            {"number": k + 1, "form": form, "latex": render(expression, style), "unit": expression.unit}
+            {
+                "number": k + 1,
+                "form": form,
+                "latex": render(expression, style),
+                "unit": expression.unit,
+            }
             for k, _, expression, form in some
         ]
         title = (
-            "effects" if body is None else one_line(f"{mechanism.bodies[body].label} {mechanism.carrier_name(body)}")
+            "effects"
+            if body is None
+            else one_line(
+                f"{mechanism.bodies[body].label} {mechanism.carrier_name(body)}"
+            )
         )
-        found.append({"title": title, "rows": rows, "latex": _aligned([row["latex"] for row in rows])})
+        found.append(
+            {
+                "title": title,
+                "rows": rows,
+                "latex": _aligned([row["latex"] for row in rows]),
+            }
+        )
     return found
 
 
 def _aligned(rows: Sequence[str]) -> str:
-    return "\\begin{align*}\n" + " \\\\\n".join(f"& {row}" for row in rows) + "\n\\end{align*}"
+    return (
+        "\\begin{align*}\n"
+        + " \\\\\n".join(f"& {row}" for row in rows)
+        + "\n\\end{align*}"
+    )

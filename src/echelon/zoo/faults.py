@@ -39,7 +39,9 @@ class Fault:
 
     link: str
     problem: str
-    matters: bool | None  # whether torques show it; None where that could not be decided
+    matters: (
+        bool | None
+    )  # whether torques show it; None where that could not be decided
     reason: str  # why it does, or does not
 
 
@@ -63,20 +65,31 @@ def _problems(base: BaseModel) -> Iterator[tuple[str, int, str]]:
         stated = [(body.name, k, body.inertial) for k, body in enumerate(bodies)]
     else:
         places = carrying_bodies(tree, base.mechanism)
-        stated = [(link.name, body, link.inertial) for link, (body, _) in zip(tree.links, places, strict=True)]
+        stated = [
+            (link.name, body, link.inertial)
+            for link, (body, _) in zip(tree.links, places, strict=True)
+        ]
     for name, body, inertial in stated:
         problem = "" if inertial is None else problem_of(np.array(inertial), size)
         if problem:
             yield name, body, problem
     if robot is not None:
         shown = {body for name, body, _ in stated if name in _solid(robot)}
-        yield from ((body.name, k, MISSING) for k, body in enumerate(bodies) if body.inertial is None and k in shown)
+        yield from (
+            (body.name, k, MISSING)
+            for k, body in enumerate(bodies)
+            if body.inertial is None and k in shown
+        )
 
 
 def read_from(mechanism: Mechanism) -> tuple[RobotFile | None, LiteralTree | None]:
     """The URDF, SDF or MJCF file that a robot was read from, and its links; None where a description states both."""
     reading = mechanism.reading
-    robot = reading.file.robot if reading is not None and isinstance(reading.file, RobotFile) else None
+    robot = (
+        reading.file.robot
+        if reading is not None and isinstance(reading.file, RobotFile)
+        else None
+    )
     if reading is None or robot is None:
         return None, None
     return robot, robot.tree(mimics=not reading.options.independent_mimics)
@@ -85,7 +98,11 @@ def read_from(mechanism: Mechanism) -> tuple[RobotFile | None, LiteralTree | Non
 def _solid(robot: RobotFile) -> set[str]:
     """Links of a URDF that have a shape."""
     links = robot.root.findall("link") if robot.root.tag == "robot" else []
-    return {link.get("name") for link in links if link.find("visual") is not None or link.find("collision") is not None}
+    return {
+        link.get("name")
+        for link in links
+        if link.find("visual") is not None or link.find("collision") is not None
+    }
 
 
 def problem_of(inertial: Floats, size: float) -> str:
@@ -98,9 +115,7 @@ def problem_of(inertial: Floats, size: float) -> str:
         return POINT if mass > _LIGHT else ""
     radius = float(np.sqrt(largest / mass))
     if radius > _WIDE * size:
-        return (
-            f"its radius of gyration is {radius:.3g} m, on a robot with lengths of at most {size:.3g} m: a placeholder"
-        )
+        return f"its radius of gyration is {radius:.3g} m, on a robot with lengths of at most {size:.3g} m: a placeholder"
     return ""
 
 
@@ -115,27 +130,44 @@ def _verdict(base: BaseModel, body: int, *, missing: bool) -> tuple[bool | None,
         columns = base.B_float()[:, first : first + PER_BODY]
     except EchelonError as error:
         return None, f"not decided: {one_line(str(error))}"
-    entered = [name for name, row in zip(base.pivots, columns, strict=True) if row.any()]
+    entered = [
+        name for name, row in zip(base.pivots, columns, strict=True) if row.any()
+    ]
     if not entered:
         return False, "no torque contains any of its parameters"
     if missing:
-        return True, f"its true inertia enters {len(entered)} base parameters: {_some(entered)}"
+        return (
+            True,
+            f"its true inertia enters {len(entered)} base parameters: {_some(entered)}",
+        )
     inertial = base.mechanism.bodies[body].inertial
     if inertial is None:
         return None, "not decided: its body states no inertia"
     values = np.array(inertial)
-    _, sizes, directions = np.linalg.svd(columns)  # entries of B are lengths to some power
-    unseen = directions[int((sizes > 1e-9 * sizes[0]).sum()) :]  # vectors z with B z = 0
+    _, sizes, directions = np.linalg.svd(
+        columns
+    )  # entries of B are lengths to some power
+    unseen = directions[
+        int((sizes > 1e-9 * sizes[0]).sum()) :
+    ]  # vectors z with B z = 0
     if can_exist(values, np.zeros((0, PER_BODY))):
         return False, "with what is fixed to it, it makes a body that can exist"
     if len(unseen) and can_exist(values, unseen):
         where = f"{len(unseen)} combinations" if len(unseen) > 1 else "a combination"
-        return False, f"the violation lies in {where} of its parameters that no torque contains"
-    return True, f"torques show it in {_some(entered)}: no body with the same torques in its place can exist"
+        return (
+            False,
+            f"the violation lies in {where} of its parameters that no torque contains",
+        )
+    return (
+        True,
+        f"torques show it in {_some(entered)}: no body with the same torques in its place can exist",
+    )
 
 
 def _some(names: list[str]) -> str:
-    return ", ".join(map(one_line, names[:6])) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    return ", ".join(map(one_line, names[:6])) + (
+        f" and {len(names) - 6} more" if len(names) > 6 else ""
+    )
 
 
 def can_exist(values: Floats, free: Floats) -> bool:
@@ -157,9 +189,13 @@ def can_exist(values: Floats, free: Floats) -> bool:
             inverse = np.linalg.inv(start + np.tensordot(x, directions, 1))
             turned = inverse @ directions
             gradient = cost / mu - np.trace(turned, axis1=1, axis2=2)
-            step = -np.linalg.lstsq(np.einsum("iab,jba->ij", turned, turned), gradient, rcond=None)[0]
+            step = -np.linalg.lstsq(
+                np.einsum("iab,jba->ij", turned, turned), gradient, rcond=None
+            )[0]
             decrement = float(-gradient @ step)
-            x = x + step / (1 + np.sqrt(max(decrement, 0.0)))  # a damped step stays inside
+            x = x + step / (
+                1 + np.sqrt(max(decrement, 0.0))
+            )  # a damped step stays inside
             if x[-1] < 0:
                 return True
             if decrement < 1e-6:
@@ -176,6 +212,10 @@ def _normaliser(values: Floats) -> Floats:
     """A matrix G for which G J Gᵀ is about 1, with the centre of mass at the origin; shape (4, 4)."""
     mass = float(values[-1]) if values[-1] > 0 else 1.0
     moved = placed(np.eye(3), -values[6:9] / mass)
-    second = float(np.abs(np.diagonal(moved @ pseudo_inertia(values) @ moved.T)[:3]).max())
-    second = max(second, 1e-9 * float(np.abs(values[:6]).max()), 1e-12 * mass)  # what is smaller is rounding
+    second = float(
+        np.abs(np.diagonal(moved @ pseudo_inertia(values) @ moved.T)[:3]).max()
+    )
+    second = max(
+        second, 1e-9 * float(np.abs(values[:6]).max()), 1e-12 * mass
+    )  # what is smaller is rounding
     return np.diag(np.array([second, second, second, mass]) ** -0.5) @ moved

@@ -12,7 +12,14 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from support.rounded_exports.export import FORMATS, FRAMES, Export, named, plain_exports, some_exports
+from support.rounded_exports.export import (
+    FORMATS,
+    FRAMES,
+    Export,
+    named,
+    plain_exports,
+    some_exports,
+)
 from support.rounded_exports.files import write
 from support.rounded_exports.table import NAMES
 from support.rounded_exports.truth import kept
@@ -40,27 +47,47 @@ def within(seconds: int, export: Export, folder: Path, sets: bool) -> Verdict:
 
 
 def main() -> None:
-    read = argparse.ArgumentParser(prog="python -m support.rounded_exports", description=__doc__)
-    read.add_argument("--out", type=Path, help="folder of the files; a temporary one if it is left out")
+    read = argparse.ArgumentParser(
+        prog="python -m support.rounded_exports", description=__doc__
+    )
+    read.add_argument(
+        "--out",
+        type=Path,
+        help="folder of the files; a temporary one if it is left out",
+    )
     read.add_argument("--count", type=int, default=60)
     read.add_argument("--seed", type=int, default=0)
-    read.add_argument("--only", action="append", default=[], help="mechanism, or code of one export")
+    read.add_argument(
+        "--only", action="append", default=[], help="mechanism, or code of one export"
+    )
     read.add_argument("--format", choices=list(FORMATS))
     read.add_argument("--digits", type=int)
     read.add_argument("--frames", choices=list(FRAMES))
     read.add_argument(
-        "--plain", action="store_true", help="special mechanisms in frames along the world, 3 and 4 digits"
+        "--plain",
+        action="store_true",
+        help="special mechanisms in frames along the world, 3 and 4 digits",
     )
     read.add_argument("--judge", action="store_true")
     read.add_argument("--sets", action="store_true", help="judge sets instead of ranks")
-    read.add_argument("--seconds", type=int, default=300, help="of the clock, for one export")
+    read.add_argument(
+        "--seconds", type=int, default=300, help="of the clock, for one export"
+    )
     options = read.parse_args()
     known = kept()
     codes = [code for code in options.only if "__" in code]
-    names = tuple(n for n in NAMES if n in known and (not options.only or n in options.only))
-    exports = [named(code) for code in codes] + (some_exports(options.count, options.seed, names) if names else [])
+    names = tuple(
+        n for n in NAMES if n in known and (not options.only or n in options.only)
+    )
+    exports = [named(code) for code in codes] + (
+        some_exports(options.count, options.seed, names) if names else []
+    )
     exports = plain_exports() if options.plain else exports
-    fixed = {key: getattr(options, key) for key in ("format", "digits", "frames") if getattr(options, key)}
+    fixed = {
+        key: getattr(options, key)
+        for key in ("format", "digits", "frames")
+        if getattr(options, key)
+    }
     exports = list(dict.fromkeys(replace(export, **fixed) for export in exports))
     folder = options.out or Path(tempfile.mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
@@ -69,7 +96,9 @@ def main() -> None:
         file = write(export, folder)
         truth = known[export.mechanism]
         floating = ", to be read with floating=True" * export.to_be_freed
-        truths.append(f"{file.name}: rank {truth['rank']}, freedom {truth['freedom']}{floating}")
+        truths.append(
+            f"{file.name}: rank {truth['rank']}, freedom {truth['freedom']}{floating}"
+        )
         if options.judge:
             verdicts.append(within(options.seconds, export, folder, options.sets))
             print(verdicts[-1], flush=True)  # noqa: T201

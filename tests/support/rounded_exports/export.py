@@ -54,7 +54,11 @@ class Export:
 def named(code: str) -> Export:
     """The export of a code such as `scissor_two__m4w`."""
     mechanism, _, rest = code.partition("__")
-    letter, rest, unit = rest[0], rest[1:].removesuffix("k"), "mm" if rest.endswith("k") else "m"
+    letter, rest, unit = (
+        rest[0],
+        rest[1:].removesuffix("k"),
+        "mm" if rest.endswith("k") else "m",
+    )
     kinds = {value: key for key, value in FORMATS.items()}
     frames = {value: key for key, value in FRAMES.items()}
     return Export(mechanism, kinds[letter], int(rest[:-1]), frames[rest[-1]], unit)
@@ -76,10 +80,15 @@ PLAIN = (
 
 def plain_exports() -> list[Export]:
     """Special mechanisms with links along the world and few digits."""
-    return [Export(name, form, digits, "world") for name, form, digits in product(PLAIN, FORMATS, (3, 4))]
+    return [
+        Export(name, form, digits, "world")
+        for name, form, digits in product(PLAIN, FORMATS, (3, 4))
+    ]
 
 
-def some_exports(count: int, seed: int = 0, names: tuple[str, ...] = NAMES) -> list[Export]:
+def some_exports(
+    count: int, seed: int = 0, names: tuple[str, ...] = NAMES
+) -> list[Export]:
     """Exports in which all mechanisms, formats, digits and frames come about equally often."""
     draw = random.Random(seed)
 
@@ -87,6 +96,12 @@ def some_exports(count: int, seed: int = 0, names: tuple[str, ...] = NAMES) -> l
         while True:
             yield from draw.sample(values, len(values))
 
-    parts = zip(endless(names), endless(tuple(FORMATS)), endless(DIGITS), endless(tuple(FRAMES)), strict=False)
+    parts = zip(
+        endless(names),
+        endless(tuple(FORMATS)),
+        endless(DIGITS),
+        endless(tuple(FRAMES)),
+        strict=False,
+    )
     units = (draw.random() < 0.1 for _ in range(count))
     return [Export(*next(parts), "mm" if small else "m") for small in units]

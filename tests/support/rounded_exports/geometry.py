@@ -32,7 +32,9 @@ def flat(*pairs: tuple[float | arb, float | arb]) -> list[Vec]:
     return [vec(x, 0, z) for x, z in pairs]
 
 
-X, Y, Z = (np.array([arb(int(i == j)) for j in range(3)], dtype=object) for i in range(3))
+X, Y, Z = (
+    np.array([arb(int(i == j)) for j in range(3)], dtype=object) for i in range(3)
+)
 
 
 def length(v: Vec) -> arb:
@@ -45,7 +47,9 @@ def unit(v: Vec) -> Vec:
 
 def cross(a: Vec, b: Vec) -> Vec:
     (ax, ay, az), (bx, by, bz) = a, b
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], dtype=object)
+    return np.array(
+        [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], dtype=object
+    )
 
 
 def middle(a: Vec, b: Vec) -> Vec:

@@ -11,7 +11,9 @@ ROD_PULL = 0.05
 def ankle(d: Draft, shin: str, at: Vec, names: str = "") -> str:
     """Pitch and roll, each driven by both rods, between motors on the shin and balls at the foot."""
     pitch = d.hinge(f"pitch{names}", shin, at + vec(0, 0, -0.4), Y)
-    roll = d.hinge(f"roll{names}", pitch, at + vec(-0.01, 0, -0.42), vec(0.88, 0, -0.47))
+    roll = d.hinge(
+        f"roll{names}", pitch, at + vec(-0.01, 0, -0.42), vec(0.88, 0, -0.47)
+    )
     for side, name, high in ((1, "l", -0.13), (-1, "r", -0.22)):
         axle = at + vec(-0.02, 0.05 * side, high)
         horn, heel = axle + vec(-0.05, 0, 0.005), at + vec(-0.07, 0.045 * side, -0.43)
@@ -41,13 +43,19 @@ def hip(d: Draft, side: int, names: str) -> str:
     at = vec(0, 0.1 * side, -0.05)
     d.hinge(f"yaw{names}", GROUND, at, Z)
     d.hinge(f"abduction{names}", f"yaw{names}", at + vec(0.02, 0, -0.03), X)
-    return d.hinge(f"thigh{names}", f"abduction{names}", at + vec(0.02, 0.03 * side, -0.05), Y)
+    return d.hinge(
+        f"thigh{names}", f"abduction{names}", at + vec(0.02, 0.03 * side, -0.05), Y
+    )
 
 
 def leg_with_rods(d: Draft, side: int = 1, names: str = "") -> None:
     """A hip of three hinges, a knee that a parallelogram drives, and an ankle with two rods."""
     thigh = hip(d, side, names)
-    top, knee, pull = vec(0.02, 0.13 * side, -0.1), vec(0.05, 0.13 * side, -0.45), vec(-0.06, 0, 0.01)
+    top, knee, pull = (
+        vec(0.02, 0.13 * side, -0.1),
+        vec(0.05, 0.13 * side, -0.45),
+        vec(-0.06, 0, 0.01),
+    )
     shin = d.hinge(f"shin{names}", thigh, knee, Y)
     d.hinge(f"crank{names}", thigh, top, Y)
     d.hinge(f"tie{names}", f"crank{names}", top + pull, Y)
@@ -74,7 +82,10 @@ def digit_leg(d: Draft) -> None:
     d.hinge("toe_roll", "toe_pitch", toe, vec(0.9, 0, -0.3))
     for side, name in ((1, "a"), (-1, "b")):
         axle = vec(-0.01, 0.13 + 0.03 * side, -0.6 - 0.04 * side)
-        horn, heel = axle + vec(-0.05, 0.005 * side, 0.01), toe + vec(-0.07, 0.025 * side, -0.02)
+        horn, heel = (
+            axle + vec(-0.05, 0.005 * side, 0.01),
+            toe + vec(-0.07, 0.025 * side, -0.02),
+        )
         d.hinge(f"motor_{name}", "tarsus", axle, Y)
         d.ball(f"rod_{name}", f"motor_{name}", horn)
         d.meet(f"rod_{name}", "toe_roll", heel)
@@ -85,7 +96,10 @@ def kangaroo_leg(d: Draft) -> None:
     d.hinge("yaw", GROUND, vec(0, 0.1, 0), Z)
     d.universal("thigh", "yaw", vec(0, 0.1, -0.05), X, Y)
     for side, name in ((1, "l"), (-1, "r")):
-        foot, tip = vec(0.08, 0.1 + 0.06 * side, 0.1), vec(0.07, 0.1 + 0.05 * side, -0.15)
+        foot, tip = (
+            vec(0.08, 0.1 + 0.06 * side, 0.1),
+            vec(0.07, 0.1 + 0.05 * side, -0.15),
+        )
         d.rod(f"hip_tube_{name}", "yaw", foot, tip, X)
         d.slide(f"hip_rod_{name}", f"hip_tube_{name}", (foot + tip) / 2, tip - foot)
         d.meet(f"hip_rod_{name}", "thigh", tip)
@@ -99,7 +113,10 @@ def kangaroo_leg(d: Draft) -> None:
     d.universal("foot", "shin", foot, Y, X)
     for side, name in ((1, "l"), (-1, "r")):
         high = vec(0.02, 0.1 + 0.05 * side, -0.18)
-        bell, low = knee + vec(-0.06, 0.05 * side, 0.01), foot + vec(-0.06, 0.045 * side, 0)
+        bell, low = (
+            knee + vec(-0.06, 0.05 * side, 0.01),
+            foot + vec(-0.06, 0.045 * side, 0),
+        )
         d.slide(f"drive_{name}", "thigh", high, Z)
         d.hinge(f"bell_{name}", "shin", knee + vec(0, 0.05 * side, 0), Y)
         d.ball(f"upper_rod_{name}", f"drive_{name}", high)

@@ -52,17 +52,26 @@ class Exact:
         return any(part.kind == "universal" for part in self.parts)
 
     def turned(self, turn: Mat) -> Exact:
-        parts = (replace(p, point=turn @ p.point, axes=tuple(turn @ a for a in p.axes)) for p in self.parts)
-        closures = (replace(c, point=turn @ c.point, axis=turn @ c.axis) for c in self.closures)
+        parts = (
+            replace(p, point=turn @ p.point, axes=tuple(turn @ a for a in p.axes))
+            for p in self.parts
+        )
+        closures = (
+            replace(c, point=turn @ c.point, axis=turn @ c.axis) for c in self.closures
+        )
         return replace(self, parts=tuple(parts), closures=tuple(closures))
 
     def sawn(self) -> Exact:
         """The mechanism with a piece of the last closure's first body that is a body of its own, and welded to it."""
         *others, last = self.closures
         axes = (last.axis,) if last.kind == "pin" else ()
-        piece = Part("piece", last.second, "hinge" if axes else "ball", last.point, axes)
+        piece = Part(
+            "piece", last.second, "hinge" if axes else "ball", last.point, axes
+        )
         return replace(
-            self, parts=(*self.parts, piece), closures=(*others, Closure("weld", "piece", last.first, last.point))
+            self,
+            parts=(*self.parts, piece),
+            closures=(*others, Closure("weld", "piece", last.first, last.point)),
         )
 
     def linkage(self) -> Linkage:
@@ -83,7 +92,11 @@ class Exact:
             )
             for c in self.closures
         ]
-        return Linkage(tuple(bodies), tuple(loops), (0.0,) * sum(len(body.motions) for body in bodies))
+        return Linkage(
+            tuple(bodies),
+            tuple(loops),
+            (0.0,) * sum(len(body.motions) for body in bodies),
+        )
 
     def moved(self, q: list[arb]) -> Exact:
         """The mechanism at other closed coordinates, which are zero there."""
@@ -94,10 +107,19 @@ class Exact:
         parts = []
         for part in self.parts:
             carriers = (part.parent, part.name)
-            axes = tuple(direction(change[c], axis) for c, axis in zip(carriers, part.axes, strict=False))
-            parts.append(replace(part, point=place(change[part.name], part.point), axes=axes))
+            axes = tuple(
+                direction(change[c], axis)
+                for c, axis in zip(carriers, part.axes, strict=False)
+            )
+            parts.append(
+                replace(part, point=place(change[part.name], part.point), axes=axes)
+            )
         closures = (
-            replace(c, point=place(change[c.first], c.point), axis=direction(change[c.first], c.axis))
+            replace(
+                c,
+                point=place(change[c.first], c.point),
+                axis=direction(change[c.first], c.axis),
+            )
             for c in self.closures
         )
         return replace(self, parts=tuple(parts), closures=tuple(closures))
@@ -116,10 +138,14 @@ class Draft:
     def slide(self, name: str, parent: str, point: Vec, axis: Vec) -> str:
         return self._add(name, parent, "slide", point, axis)
 
-    def universal(self, name: str, parent: str, point: Vec, axis: Vec, axis2: Vec) -> str:
+    def universal(
+        self, name: str, parent: str, point: Vec, axis: Vec, axis2: Vec
+    ) -> str:
         """Two axes through a point; what the second one lacks to be perpendicular is taken off."""
         first = unit(axis)
-        return self._add(name, parent, "universal", point, first, axis2 - first * (first @ axis2))
+        return self._add(
+            name, parent, "universal", point, first, axis2 - first * (first @ axis2)
+        )
 
     def ball(self, name: str, parent: str, point: Vec) -> str:
         return self._add(name, parent, "ball", point)
@@ -130,7 +156,9 @@ class Draft:
         return self.universal(name, parent, start, across, cross(across, end - start))
 
     def _add(self, name: str, parent: str, kind: str, point: Vec, *axes: Vec) -> str:
-        self.parts.append(Part(name, parent, kind, point, tuple(unit(axis) for axis in axes)))
+        self.parts.append(
+            Part(name, parent, kind, point, tuple(unit(axis) for axis in axes))
+        )
         return name
 
     def pin(self, first: str, second: str, point: Vec, axis: Vec = Y) -> None:
@@ -146,7 +174,9 @@ class Draft:
 def motions(part: Part) -> tuple[arb_mat, ...]:
     if part.kind == "ball":
         return FREE[3:]
-    return tuple((sliding if part.kind == "slide" else turning)(axis) for axis in part.axes)
+    return tuple(
+        (sliding if part.kind == "slide" else turning)(axis) for axis in part.axes
+    )
 
 
 def beside(axis: Vec) -> Vec:
@@ -163,7 +193,9 @@ def frame_along(z: Vec) -> Mat:
 
 
 def shifted(by: Vec) -> arb_mat:
-    return matrix([[1, 0, 0, by[0]], [0, 1, 0, by[1]], [0, 0, 1, by[2]], [0, 0, 0, 1]]).mid()
+    return matrix(
+        [[1, 0, 0, by[0]], [0, 1, 0, by[1]], [0, 0, 1, by[2]], [0, 0, 0, 1]]
+    ).mid()
 
 
 def framed(axis: Vec, point: Vec) -> arb_mat:
@@ -172,7 +204,10 @@ def framed(axis: Vec, point: Vec) -> arb_mat:
 
 
 def direction(pose: arb_mat, v: Vec) -> Vec:
-    return np.array([sum((pose[i, j] * v[j] for j in range(3)), arb(0)).mid() for i in range(3)], dtype=object)
+    return np.array(
+        [sum((pose[i, j] * v[j] for j in range(3)), arb(0)).mid() for i in range(3)],
+        dtype=object,
+    )
 
 
 def place(pose: arb_mat, v: Vec) -> Vec:

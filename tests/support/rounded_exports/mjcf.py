@@ -26,7 +26,9 @@ class Writer:
         self.sites: dict[str, list[str]] = {}
 
     def text(self) -> str:
-        equalities = [line for closure in self.exact.closures for line in self.closure(closure)]
+        equalities = [
+            line for closure in self.exact.closures for line in self.closure(closure)
+        ]
         inside = self.inside(GROUND)
         if self.exact.floating:
             quat = self.numbers.quaternion(self.numbers.frames[GROUND].turn)
@@ -42,7 +44,9 @@ class Writer:
     def body(self, part: Part) -> str:
         frame = self.numbers.placed(part)
         pose = f'pos="{self.numbers.lengths(frame.origin)}" quat="{self.numbers.quaternion(frame.turn)}"'
-        inner = "".join(f"\n{line}" for line in (*self.joints(part), self.inside(part.name)) if line)
+        inner = "".join(
+            f"\n{line}" for line in (*self.joints(part), self.inside(part.name)) if line
+        )
         return f'<body name="{part.name}" {pose}>{INERTIAL}{inner}</body>'
 
     def joints(self, part: Part) -> list[str]:
@@ -60,22 +64,35 @@ class Writer:
             half = closure.axis * exactly(HALF_PIN)
             points = [closure.point + half, closure.point - half]
         kind = "weld" if closure.kind == "weld" else "connect"
-        return [self.stated(kind, closure, p) if self.by_sites else self.derived(kind, closure, p) for p in points]
+        return [
+            self.stated(kind, closure, p)
+            if self.by_sites
+            else self.derived(kind, closure, p)
+            for p in points
+        ]
 
     def derived(self, kind: str, closure: Closure, point: Vec) -> str:
         """The second frame is where the first one is in the file's pose."""
         first, second = closure.first, closure.second
         if first == GROUND and not self.exact.floating:
             first, second = second, first
-        other = "" if second == GROUND and not self.exact.floating else f' body2="{second}"'
-        anchor = "" if kind == "weld" else f' anchor="{self.numbers.point(first, point)}"'
+        other = (
+            "" if second == GROUND and not self.exact.floating else f' body2="{second}"'
+        )
+        anchor = (
+            "" if kind == "weld" else f' anchor="{self.numbers.point(first, point)}"'
+        )
         return f'<{kind} body1="{first}"{other}{anchor}/>'
 
     def stated(self, kind: str, closure: Closure, point: Vec) -> str:
         names = []
         for body in (closure.first, closure.second):
             name = f"site{sum(map(len, self.sites.values()))}"
-            quat = self.numbers.quaternion(self.numbers.frames[body].turn.T) if kind == "weld" else "1 0 0 0"
+            quat = (
+                self.numbers.quaternion(self.numbers.frames[body].turn.T)
+                if kind == "weld"
+                else "1 0 0 0"
+            )
             site = f'<site name="{name}" pos="{self.numbers.point(body, point)}" quat="{quat}"/>'
             self.sites.setdefault(body, []).append(site)
             names.append(name)

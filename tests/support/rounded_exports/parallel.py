@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from support.rounded_exports.geometry import Vec, X, Y, Z, about, cross, exactly, unit, vec
+from support.rounded_exports.geometry import (
+    Vec,
+    X,
+    Y,
+    Z,
+    about,
+    cross,
+    exactly,
+    unit,
+    vec,
+)
 from support.rounded_exports.mechanism import GROUND, Draft
 
 ORIGIN = vec(0, 0, 0)
@@ -17,7 +27,13 @@ def delta_legs(d: Draft, angles: tuple[float, ...]) -> None:
         tip = radial * exactly(0.07) + Z * exactly(-0.62)
         d.hinge(f"arm{k}", GROUND, radial * exactly(0.15), tangent)
         for name, side in (("l", -half), ("r", half)):
-            rod = d.rod(f"rod{k}{name}", f"arm{k}", elbow + tangent * side, tip + tangent * side, Z)
+            rod = d.rod(
+                f"rod{k}{name}",
+                f"arm{k}",
+                elbow + tangent * side,
+                tip + tangent * side,
+                Z,
+            )
             if k == 0 and name == "l":
                 d.ball("platform", rod, tip + tangent * side)
             else:
@@ -42,7 +58,13 @@ def four_legs_in_pairs(d: Draft) -> None:
         elbow = radial * exactly(0.36) + Z * exactly(-0.12)
         d.hinge(f"arm{k}", GROUND, radial * exactly(0.15), tangent)
         for name, side in (("l", -half), ("r", half)):
-            rod = d.rod(f"rod{k}{name}", f"arm{k}", elbow + tangent * side, tip + tangent * side, Z)
+            rod = d.rod(
+                f"rod{k}{name}",
+                f"arm{k}",
+                elbow + tangent * side,
+                tip + tangent * side,
+                Z,
+            )
             if k in (0, 2) and name == "l":
                 d.ball(f"half{k // 2}", rod, tip + tangent * side)
             else:
@@ -82,7 +104,13 @@ def orthoglide(d: Draft) -> None:
         start = along * exactly(0.5) + cross(along, across) * exactly(0.07)
         d.slide(f"cart{k}", GROUND, start, along)
         for name, side in (("l", -half), ("r", half)):
-            rod = d.rod(f"rod{k}{name}", f"cart{k}", start + across * side, tip + across * side, vec(1, 1, 1))
+            rod = d.rod(
+                f"rod{k}{name}",
+                f"cart{k}",
+                start + across * side,
+                tip + across * side,
+                vec(1, 1, 1),
+            )
             if k == 0 and name == "l":
                 d.ball("platform", rod, tip + across * side)
             else:
@@ -98,7 +126,13 @@ def linear_delta(d: Draft) -> None:
         tip = radial * exactly(0.05) + Z * exactly(0.12)
         d.slide(f"cart{k}", GROUND, start, Z)
         for name, side in (("l", -half), ("r", half)):
-            rod = d.rod(f"rod{k}{name}", f"cart{k}", start + tangent * side, tip + tangent * side, Z)
+            rod = d.rod(
+                f"rod{k}{name}",
+                f"cart{k}",
+                start + tangent * side,
+                tip + tangent * side,
+                Z,
+            )
             if k == 0 and name == "l":
                 d.ball("platform", rod, tip + tangent * side)
             else:
@@ -118,14 +152,23 @@ def three_rps(d: Draft) -> None:
             d.meet(f"piston{k}", "platform", tip)
 
 
-def hexapod_points(radius: float, spread: float, offset: float, height: float) -> list[Vec]:
+def hexapod_points(
+    radius: float, spread: float, offset: float, height: float
+) -> list[Vec]:
     return [
-        about(Z, 120 * (k // 2) + offset + (spread if k % 2 else -spread), X * exactly(radius)) + Z * exactly(height)
+        about(
+            Z,
+            120 * (k // 2) + offset + (spread if k % 2 else -spread),
+            X * exactly(radius),
+        )
+        + Z * exactly(height)
         for k in range(6)
     ]
 
 
-def extensible_legs(d: Draft, feet: list[Vec], tips: list[Vec], platform: str = "") -> None:
+def extensible_legs(
+    d: Draft, feet: list[Vec], tips: list[Vec], platform: str = ""
+) -> None:
     """Legs of a universal joint, a slide and a ball; without a platform, one is put on the first leg."""
     for k, (foot, tip) in enumerate(zip(feet, tips, strict=True)):
         d.rod(f"leg{k}", GROUND, foot, tip, X)
@@ -142,7 +185,10 @@ def gough_stewart(d: Draft) -> None:
 
 def gough_stewart_general(d: Draft) -> None:
     feet = hexapod_points(0.5, 17, 3, 0)
-    tips = [tip + vec(0.03 * k, -0.02 * k, 0.01 * k * k) for k, tip in enumerate(hexapod_points(0.3, 37, -4, 0.6))]
+    tips = [
+        tip + vec(0.03 * k, -0.02 * k, 0.01 * k * k)
+        for k, tip in enumerate(hexapod_points(0.3, 37, -4, 0.6))
+    ]
     extensible_legs(d, feet, tips)
 
 
@@ -150,7 +196,10 @@ def two_ups_u(d: Draft) -> None:
     """An ankle on a universal joint, between two extensible legs."""
     d.universal("foot", GROUND, vec(0, 0, 0.3), X, Y)
     extensible_legs(
-        d, [vec(-0.05, 0.06, 0), vec(-0.05, -0.06, 0)], [vec(-0.07, 0.05, 0.28), vec(-0.07, -0.05, 0.28)], "foot"
+        d,
+        [vec(-0.05, 0.06, 0), vec(-0.05, -0.06, 0)],
+        [vec(-0.07, 0.05, 0.28), vec(-0.07, -0.05, 0.28)],
+        "foot",
     )
 
 
@@ -173,7 +222,10 @@ def three_upu(d: Draft) -> None:
     """Legs whose outer axes, at the base and the platform, are parallel, as are their inner ones: no turns."""
     for k in range(3):
         radial, tangent = about(Z, 120 * k, X), about(Z, 120 * k, Y)
-        foot, tip = radial * exactly(0.4), radial * exactly(0.22) + Z * exactly(0.5) + tangent * exactly(0.03)
+        foot, tip = (
+            radial * exactly(0.4),
+            radial * exactly(0.22) + Z * exactly(0.5) + tangent * exactly(0.03),
+        )
         inner = unit(cross(tip - foot, tangent))
         leg = d.universal(f"leg{k}", GROUND, foot, tangent, inner)
         piston = d.slide(f"piston{k}", leg, (foot + tip) / 2, tip - foot)

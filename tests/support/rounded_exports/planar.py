@@ -28,7 +28,9 @@ def four_bar(d: Draft) -> None:
     bars(d, "", GROUND, GROUND, a, b, c, e)
 
 
-def bars(d: Draft, name: str, first: str, last: str, a: Vec, b: Vec, c: Vec, e: Vec) -> None:
+def bars(
+    d: Draft, name: str, first: str, last: str, a: Vec, b: Vec, c: Vec, e: Vec
+) -> None:
     """A crank a-b on one body, a rocker e-c on another, and their coupler."""
     d.hinge(f"crank{name}", first, a)
     d.hinge(f"coupler{name}", f"crank{name}", b)
@@ -103,7 +105,9 @@ def stephenson_six_bar(d: Draft) -> None:
 
 
 def five_bar(d: Draft) -> None:
-    a, b, c, e, f = flat((0, 0), (-0.08, 0.24), (0.21, 0.47), (0.53, 0.21), (0.37, 0.02))
+    a, b, c, e, f = flat(
+        (0, 0), (-0.08, 0.24), (0.21, 0.47), (0.53, 0.21), (0.37, 0.02)
+    )
     d.hinge("left", GROUND, a)
     d.hinge("left_fore", "left", b)
     d.hinge("right", GROUND, f)
@@ -117,7 +121,10 @@ def scissor(d: Draft, stages: int) -> None:
     left = [vec(0, 0, rise * k) for k in range(stages + 1)]
     right = [vec(width, 0, rise * k) for k in range(stages + 1)]
     d.slide("foot", GROUND, right[0], X)
-    up, down = GROUND, "foot"  # what carries the bars that start at the left and at the right
+    up, down = (
+        GROUND,
+        "foot",
+    )  # what carries the bars that start at the left and at the right
     for k in range(stages):
         first, second = d.hinge(f"a{k}", up, left[k]), d.hinge(f"b{k}", down, right[k])
         d.pin(first, second, middle(left[k], right[k + 1]))
@@ -141,9 +148,15 @@ def scissor_three(d: Draft) -> None:
 
 def four_bars_in_series(d: Draft, count: int) -> None:
     """Every rocker drives the next four-bar as its crank."""
-    bars(d, "0", GROUND, GROUND, *flat((0, 0), (0.1, 0.21), (0.42, 0.27), (0.39, -0.04)))
+    bars(
+        d, "0", GROUND, GROUND, *flat((0, 0), (0.1, 0.21), (0.42, 0.27), (0.39, -0.04))
+    )
     for k in range(1, count):
-        b, c, e = flat((0.35 * k + 0.12, 0.13), (0.35 * k + 0.41, 0.28 + 0.02 * k), (0.35 * k + 0.4, 0.03 * k - 0.05))
+        b, c, e = flat(
+            (0.35 * k + 0.12, 0.13),
+            (0.35 * k + 0.41, 0.28 + 0.02 * k),
+            (0.35 * k + 0.4, 0.03 * k - 0.05),
+        )
         d.hinge(f"link{k}", f"rocker{k - 1}", b)
         d.hinge(f"rocker{k}", GROUND, e)
         d.pin(f"link{k}", f"rocker{k}", c)
@@ -374,7 +387,11 @@ def robotiq(d: Draft) -> None:
     """Two fingers of a driver, a coupler, a finger and a spring link each."""
     for side, name in ((1, "l"), (-1, "r")):
         x = [exactly(value) * side for value in (0.03, 0.013, 0.075, 0.06, 0.055)]
-        a, c, out = vec(x[0], 0, 0.055), vec(x[1], 0, 0.061), vec(exactly(0.031) * side, 0, 0.044)
+        a, c, out = (
+            vec(x[0], 0, 0.055),
+            vec(x[1], 0, 0.061),
+            vec(exactly(0.031) * side, 0, 0.044),
+        )
         d.hinge(f"driver_{name}", GROUND, a)
         d.hinge(f"coupler_{name}", f"driver_{name}", vec(x[2], 0, 0.06))
         d.hinge(f"spring_{name}", GROUND, c)
@@ -409,7 +426,9 @@ def hoberman(d: Draft) -> None:
     step = 360 / count
     # a bar's halves are equally long where its middle is above the middle between its ends' distances
     crown = (outer + inner) / (2 * degrees(step / 2).cos())
-    far, near = ([radial(step * k, radius) for k in range(count)] for radius in (outer, inner))
+    far, near = (
+        [radial(step * k, radius) for k in range(count)] for radius in (outer, inner)
+    )
     mid = [radial(step * (k + 0.5), crown) for k in range(count)]
     # bar a_k runs from far_k to near_k+1, bar b_k from near_k to far_k+1, both through mid_k
     d.hinge("b0", GROUND, mid[0])

@@ -15,7 +15,9 @@ def independent_closures(linkage: Linkage) -> int:
     return len(pivots(linkage.jacobian(still)).sizes)
 
 
-def elsewhere(exact: Exact, rng: np.random.Generator, steps: int = 8, step: float = 0.05) -> Exact:
+def elsewhere(
+    exact: Exact, rng: np.random.Generator, steps: int = 8, step: float = 0.05
+) -> Exact:
     """The mechanism where a few random steps along its free motions lead."""
     linkage = exact.linkage()
     constraints = independent_closures(linkage)
@@ -24,5 +26,8 @@ def elsewhere(exact: Exact, rng: np.random.Generator, steps: int = 8, step: floa
         slopes = doubles(linkage.jacobian(linkage.state(q, [arb(0)] * len(q))))
         free = np.linalg.svd(slopes)[2][constraints:]
         moved_on = free.T @ rng.normal(scale=step, size=len(free))
-        q = linkage.closed([a + number(float(d)) for a, d in zip(q, moved_on, strict=True)], constraints)
+        q = linkage.closed(
+            [a + number(float(d)) for a, d in zip(q, moved_on, strict=True)],
+            constraints,
+        )
     return exact.moved(q)

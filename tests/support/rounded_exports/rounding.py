@@ -44,14 +44,18 @@ class Rounded:
     def frames(self) -> dict[str, Frame]:
         rng = np.random.default_rng(self.export.seed)
         exact = self.export.exact
-        base = drawn(rng) if self.export.frames == "random" and exact.floating else NEUTRAL
+        base = (
+            drawn(rng) if self.export.frames == "random" and exact.floating else NEUTRAL
+        )
         found = {GROUND: Frame(base, X * 0)}
         for part in exact.parts:
             found[part.name] = Frame(self._turn(part, rng), part.point)
             if self.export.frames == "random" and part.kind in ("hinge", "slide"):
                 # anywhere on the axis, as drawing programs place it
                 found[part.name] = replace(
-                    found[part.name], origin=part.point + part.axes[0] * exactly(round(rng.uniform(-0.1, 0.1), 6))
+                    found[part.name],
+                    origin=part.point
+                    + part.axes[0] * exactly(round(rng.uniform(-0.1, 0.1), 6)),
                 )
         return found
 
@@ -61,7 +65,11 @@ class Rounded:
             return np.column_stack([one, two, cross(one, two)])
         if self.export.frames == "random":
             return drawn(rng)
-        return frame_along(part.axes[0]) if self.export.frames == "natural" and part.axes else NEUTRAL
+        return (
+            frame_along(part.axes[0])
+            if self.export.frames == "natural" and part.axes
+            else NEUTRAL
+        )
 
     def placed(self, part: Part) -> Frame:
         return self.frames[part.name].within(self.frames[part.parent])
@@ -124,9 +132,24 @@ def quaternion(turn: Mat) -> list[arb]:
     # four times the squares and products of w, x, y, z
     table = [
         [1 + trace, t[2][1] - t[1][2], t[0][2] - t[2][0], t[1][0] - t[0][1]],
-        [t[2][1] - t[1][2], 1 + 2 * t[0][0] - trace, t[0][1] + t[1][0], t[0][2] + t[2][0]],
-        [t[0][2] - t[2][0], t[0][1] + t[1][0], 1 + 2 * t[1][1] - trace, t[1][2] + t[2][1]],
-        [t[1][0] - t[0][1], t[0][2] + t[2][0], t[1][2] + t[2][1], 1 + 2 * t[2][2] - trace],
+        [
+            t[2][1] - t[1][2],
+            1 + 2 * t[0][0] - trace,
+            t[0][1] + t[1][0],
+            t[0][2] + t[2][0],
+        ],
+        [
+            t[0][2] - t[2][0],
+            t[0][1] + t[1][0],
+            1 + 2 * t[1][1] - trace,
+            t[1][2] + t[2][1],
+        ],
+        [
+            t[1][0] - t[0][1],
+            t[0][2] + t[2][0],
+            t[1][2] + t[2][1],
+            1 + 2 * t[2][2] - trace,
+        ],
     ]
     largest = max(range(4), key=lambda k: float(table[k][k]))
     return [entry / table[largest][largest].sqrt() / 2 for entry in table[largest]]

@@ -31,13 +31,18 @@ class Writer:
         held = (
             []
             if self.exact.floating
-            else [f"<joint name='held' type='fixed'><parent>world</parent><child>{GROUND}</child></joint>"]
+            else [
+                f"<joint name='held' type='fixed'><parent>world</parent><child>{GROUND}</child></joint>"
+            ]
         )
         return [
             *(self.link(name) for name in names),
             *held,
             *(self.joint(part) for part in self.exact.parts),
-            *(self.closure(f"loop{k}", closure) for k, closure in enumerate(self.exact.closures)),
+            *(
+                self.closure(f"loop{k}", closure)
+                for k, closure in enumerate(self.exact.closures)
+            ),
         ]
 
     def link(self, name: str) -> str:
@@ -48,7 +53,8 @@ class Writer:
     def joint(self, part: Part) -> str:
         axes = [self.numbers.axis(part.name, axis) for axis in part.axes]
         stated = "".join(
-            f"<{tag}><xyz>{axis}</xyz></{tag}>" for tag, axis in zip(("axis", "axis2"), axes, strict=False)
+            f"<{tag}><xyz>{axis}</xyz></{tag}>"
+            for tag, axis in zip(("axis", "axis2"), axes, strict=False)
         )
         ends = f"<parent>{part.parent}</parent><child>{part.name}</child>"
         return f"<joint name='{part.name}_j' type='{KINDS[part.kind]}'>{ends}{stated}</joint>"
@@ -59,5 +65,9 @@ class Writer:
             parent, child = child, parent
         ends = f"<parent>{parent}</parent><child>{child}</child>"
         pose = f"<pose>{self.numbers.point(child, closure.point)} 0 0 0</pose>"
-        axis = f"<axis><xyz>{self.numbers.axis(child, closure.axis)}</xyz></axis>" if closure.kind == "pin" else ""
+        axis = (
+            f"<axis><xyz>{self.numbers.axis(child, closure.axis)}</xyz></axis>"
+            if closure.kind == "pin"
+            else ""
+        )
         return f"<joint name='{name}' type='{KINDS[closure.kind]}'>{pose}{ends}{axis}</joint>"

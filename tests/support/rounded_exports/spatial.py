@@ -4,7 +4,19 @@ from __future__ import annotations
 
 from flint import arb
 
-from support.rounded_exports.geometry import Vec, X, Y, Z, about, cross, degrees, exactly, half_turned, rotation, vec
+from support.rounded_exports.geometry import (
+    Vec,
+    X,
+    Y,
+    Z,
+    about,
+    cross,
+    degrees,
+    exactly,
+    half_turned,
+    rotation,
+    vec,
+)
 from support.rounded_exports.mechanism import GROUND, Draft
 
 CENTER = vec(0, 0, 0)
@@ -41,7 +53,10 @@ def agile_eye(d: Draft) -> None:
 
 def spherical_3rrr(d: Draft) -> None:
     """Three spherical legs with general angles."""
-    feet, mid = ((1, 0.1, 0), (-0.2, 1, 0.3), (0, -0.3, 1)), ((0.7, -0.6, 0.2), (0.4, 0.6, -0.7), (-0.8, 0.1, 0.6))
+    feet, mid = (
+        ((1, 0.1, 0), (-0.2, 1, 0.3), (0, -0.3, 1)),
+        ((0.7, -0.6, 0.2), (0.4, 0.6, -0.7), (-0.8, 0.1, 0.6)),
+    )
     tips = ((0.3, 0.1, 0.9), (0.9, 0.4, -0.1), (-0.1, 0.9, 0.2))
     for k in range(3):
         d.hinge(f"arm{k}", GROUND, CENTER, vec(*feet[k]))
@@ -90,7 +105,9 @@ def bennett_turns(alpha: arb, beta: arb, theta: arb) -> arb:
     return 2 * (ratio / (theta / 2).tan()).atan()
 
 
-def bennett_rows(alpha: float, beta: float, a: float, theta: float) -> list[tuple[arb, arb, arb, arb]]:
+def bennett_rows(
+    alpha: float, beta: float, a: float, theta: float
+) -> list[tuple[arb, arb, arb, arb]]:
     """Opposite sides are equal, and lengths are as the sines of twists."""
     first, second, angle, zero = degrees(alpha), degrees(beta), degrees(theta), arb(0)
     b = exactly(a) * second.sin() / first.sin()
@@ -108,9 +125,15 @@ def goldberg(d: Draft) -> None:
 
     def from_common(beta: float, angle: float) -> list[tuple[Vec, Vec]]:
         back = rotation(Z, degrees(-angle))
-        return [(back @ p, back @ axis) for p, axis in dh_lines(bennett_rows(40, beta, 0.3, angle))]
+        return [
+            (back @ p, back @ axis)
+            for p, axis in dh_lines(bennett_rows(40, beta, 0.3, angle))
+        ]
 
-    (_, joint, third, fourth), (_, _, third2, fourth2) = from_common(75, 70), from_common(55, 100)
+    (_, joint, third, fourth), (_, _, third2, fourth2) = (
+        from_common(75, 70),
+        from_common(55, 100),
+    )
     ring(d, [third, fourth, fourth2, third2, joint])
 
 
@@ -152,14 +175,31 @@ def plane_symmetric_bricard(d: Draft) -> None:
         return vec(px, -py, pz), vec(ax, -ay, az)
 
     first, last = (vec(0, 0, 0), vec(0.3, 0, 1)), (vec(0.5, 0, 0.3), vec(1, 0, 0.4))
-    one, two = (vec(0.1, 0.3, 0.2), vec(0.6, 0.5, 0.3)), (vec(0.4, 0.35, 0.1), vec(-0.2, 0.8, 0.5))
+    one, two = (
+        (vec(0.1, 0.3, 0.2), vec(0.6, 0.5, 0.3)),
+        (vec(0.4, 0.35, 0.1), vec(-0.2, 0.8, 0.5)),
+    )
     ring(d, [first, one, two, last, mirrored(two), mirrored(one)])
 
 
 def four_bar_across(d: Draft) -> None:
     """A four-bar on the coupler of another one, in a plane across it."""
-    ring(d, [(vec(0, 0, 0), Y), (vec(0.1, 0, 0.3), Y), (vec(0.4, 0, 0.35), Y), (vec(0.5, 0, 0.02), Y)], "plane")
-    ring_on = [(vec(0.2, 0.1, 0.4), X), (vec(0.2, 0.25, 0.55), X), (vec(0.2, 0.5, 0.5), X), (vec(0.2, 0.45, 0.33), X)]
+    ring(
+        d,
+        [
+            (vec(0, 0, 0), Y),
+            (vec(0.1, 0, 0.3), Y),
+            (vec(0.4, 0, 0.35), Y),
+            (vec(0.5, 0, 0.02), Y),
+        ],
+        "plane",
+    )
+    ring_on = [
+        (vec(0.2, 0.1, 0.4), X),
+        (vec(0.2, 0.25, 0.55), X),
+        (vec(0.2, 0.5, 0.5), X),
+        (vec(0.2, 0.45, 0.33), X),
+    ]
     parent = "plane1"
     for k, (point, axis) in enumerate(ring_on[:-1]):
         parent = d.hinge(f"across{k}", parent, point, axis)

@@ -57,7 +57,9 @@ def build(name: str) -> Exact:
         draft = Draft()
         FUNCTIONS[plain](draft)
         parts = tuple(draft.parts)
-        exact = Exact(name, parts, tuple(draft.closures), planar=FUNCTIONS[plain] in PLANAR)
+        exact = Exact(
+            name, parts, tuple(draft.closures), planar=FUNCTIONS[plain] in PLANAR
+        )
         for variant in variants:
             if variant == "floating":
                 exact = replace(exact, floating=True)

@@ -39,8 +39,18 @@ def main(names: list[str]) -> None:
             print(f"{name}: {error}", flush=True)  # noqa: T201
             continue
         print(f"{name}: {found} in {time.process_time() - start:.1f} s", flush=True)  # noqa: T201
-        table = kept() | {name: {"freedom": found.freedom, "rank": found.rank, "gap": float(f"{found.gap:.1e}")}}
-        entries = [f"  {json.dumps(key)}: {json.dumps(table[key])}" for key in NAMES if key in table]
+        table = kept() | {
+            name: {
+                "freedom": found.freedom,
+                "rank": found.rank,
+                "gap": float(f"{found.gap:.1e}"),
+            }
+        }
+        entries = [
+            f"  {json.dumps(key)}: {json.dumps(table[key])}"
+            for key in NAMES
+            if key in table
+        ]
         KEPT.write_text("{\n" + ",\n".join(entries) + "\n}\n")
 
 

@@ -21,10 +21,17 @@ def urdf(export: Export) -> tuple[str, str]:
 
 class Writer:
     def __init__(self, export: Export) -> None:
-        self.export, self.exact, self.numbers = export, export.exact, Rounded(export, aligned=True)
+        self.export, self.exact, self.numbers = (
+            export,
+            export.exact,
+            Rounded(export, aligned=True),
+        )
 
     def texts(self) -> tuple[str, str]:
-        links = [self.link(GROUND), *(self.link(part.name) for part in self.exact.parts)]
+        links = [
+            self.link(GROUND),
+            *(self.link(part.name) for part in self.exact.parts),
+        ]
         joints = [self.joint(part) for part in self.exact.parts]
         loops = []
         for k, closure in enumerate(self.exact.closures):
@@ -35,17 +42,30 @@ class Writer:
             for end, body in ends.items():
                 links.append(f'<link name="{end}"/>')
                 joints.append(self.end(end, body, closure))
-            loops.append(f"{{joint: {CLOSURES[closure.kind]}, connects: [{', '.join(ends)}]}}")
+            loops.append(
+                f"{{joint: {CLOSURES[closure.kind]}, connects: [{', '.join(ends)}]}}"
+            )
         robot = "\n".join(['<robot name="export">', *links, *joints, "</robot>", ""])
-        beside = ["echelon: 1", "robot:", f"  file: {self.export.code}.urdf", *self.kinds()]
-        return robot, "\n".join([*beside, "loops:", *(f"  - {loop}" for loop in loops), ""])
+        beside = [
+            "echelon: 1",
+            "robot:",
+            f"  file: {self.export.code}.urdf",
+            *self.kinds(),
+        ]
+        return robot, "\n".join(
+            [*beside, "loops:", *(f"  - {loop}" for loop in loops), ""]
+        )
 
     def link(self, name: str) -> str:
         return f'<link name="{name}">{INERTIAL}</link>'
 
     def joint(self, part: Part) -> str:
         kind = "prismatic" if part.kind == "slide" else "revolute"
-        axis = self.numbers.axis(part.name, part.axes[0]) if part.kind in ("hinge", "slide") else "1 0 0"
+        axis = (
+            self.numbers.axis(part.name, part.axes[0])
+            if part.kind in ("hinge", "slide")
+            else "1 0 0"
+        )
         return (
             f'<joint name="{part.name}_j" type="{kind}"><parent link="{part.parent}"/><child link="{part.name}"/>'
             f'{self.origin(self.numbers.placed(part))}<axis xyz="{axis}"/>{LIMIT}</joint>'
@@ -65,14 +85,25 @@ class Writer:
         )
 
     def kinds(self) -> list[str]:
-        words = {"ball": "{type: spherical}", "universal": "{type: universal, axis: x, axis2: y}"}
-        stated = [f"    {part.name}_j: {words[part.kind]}" for part in self.exact.parts if part.kind in words]
+        words = {
+            "ball": "{type: spherical}",
+            "universal": "{type: universal, axis: x, axis2: y}",
+        }
+        stated = [
+            f"    {part.name}_j: {words[part.kind]}"
+            for part in self.exact.parts
+            if part.kind in words
+        ]
         return ["  joints:", *stated] if stated else []
 
     def derived(self, closure: Closure) -> str:
         """The second frame is where the first one is in the file's pose."""
         at = listed(self.numbers.point(closure.first, closure.point))
-        axis = f", axis: {listed(self.numbers.axis(closure.first, closure.axis))}" if closure.kind == "pin" else ""
+        axis = (
+            f", axis: {listed(self.numbers.axis(closure.first, closure.axis))}"
+            if closure.kind == "pin"
+            else ""
+        )
         ends = f"{closure.first}, {closure.second}"
         return f"{{joint: {CLOSURES[closure.kind]}, connects: [{ends}], at: {{xyz: {at}}}{axis}}}"
 

@@ -16,7 +16,11 @@ from support.rounded_exports.files import write
 from support.rounded_exports.truth import kept
 
 RIGHT, DOUBTED, REFUSED = "right", "right, with a doubt", "refused"
-NAMED, UNNAMED, SILENT = "wrong, doubt names it", "wrong, with a doubt", "WRONG IN SILENCE"
+NAMED, UNNAMED, SILENT = (
+    "wrong, doubt names it",
+    "wrong, with a doubt",
+    "WRONG IN SILENCE",
+)
 KINDS = (RIGHT, DOUBTED, REFUSED, NAMED, UNNAMED, SILENT)
 
 
@@ -38,16 +42,25 @@ def judged(export: Export, folder: Path, sets: bool = False) -> Verdict:
     truth = kept()[export.mechanism]["rank"]
     file, start = write(export, folder), time.process_time()
     try:
-        rank, doubt = (answered_set if sets else answered_rank)(file, export.to_be_freed)
+        rank, doubt = (answered_set if sets else answered_rank)(
+            file, export.to_be_freed
+        )
     except ec.EchelonError as refusal:
-        return Verdict(export, REFUSED, f"for {truth}: {refusal}", time.process_time() - start)
+        return Verdict(
+            export, REFUSED, f"for {truth}: {refusal}", time.process_time() - start
+        )
     if rank == truth:
         kind = DOUBTED if doubt else RIGHT
     elif not doubt:
         kind = SILENT
     else:
         kind = NAMED if names(doubt, truth) else UNNAMED
-    return Verdict(export, kind, f"{rank} for {truth} {doubt}".rstrip(), time.process_time() - start)
+    return Verdict(
+        export,
+        kind,
+        f"{rank} for {truth} {doubt}".rstrip(),
+        time.process_time() - start,
+    )
 
 
 def answered_rank(file: Path, floating: bool) -> tuple[int, str]:
@@ -74,15 +87,25 @@ def names(doubt: str, count: float) -> bool:
     return re.search(rf"(?<![\d.]){count:.0f}(?![\d]|\.\d)", doubt) is not None
 
 
-def table(verdicts: Iterable[Verdict], title: str, key: Callable[[Export], object]) -> str:
+def table(
+    verdicts: Iterable[Verdict], title: str, key: Callable[[Export], object]
+) -> str:
     """Verdicts of each kind, by a property of exports."""
     found = list(verdicts)
-    values = sorted({key(v.export) for v in found}, key=lambda value: (isinstance(value, str), value))
+    values = sorted(
+        {key(v.export) for v in found},
+        key=lambda value: (isinstance(value, str), value),
+    )
     kinds = [*KINDS, *sorted({v.kind for v in found} - {*KINDS})]
     lines = [f"{title:<12}" + "".join(f"{kind:>24}" for kind in kinds)]
     for value in [*values, None]:
-        counts = Counter(v.kind for v in found if value is None or key(v.export) == value)
-        lines.append(f"{'all' if value is None else str(value):<12}" + "".join(f"{counts[kind]:>24}" for kind in kinds))
+        counts = Counter(
+            v.kind for v in found if value is None or key(v.export) == value
+        )
+        lines.append(
+            f"{'all' if value is None else str(value):<12}"
+            + "".join(f"{counts[kind]:>24}" for kind in kinds)
+        )
     return "\n".join(lines)
 
 

@@ -16,4 +16,14 @@ from support.zoo.spatial import SPATIAL
 
 __all__ = ["ZOO", "Case", "mjcf"]
 
-ZOO = CRANKS | BARS | FLOATING | SPATIAL | MACHINES | MJCF_LINKAGES | PLATFORMS | LEGS | LINKAGES
+ZOO = (
+    CRANKS
+    | BARS
+    | FLOATING
+    | SPATIAL
+    | MACHINES
+    | MJCF_LINKAGES
+    | PLATFORMS
+    | LEGS
+    | LINKAGES
+)

@@ -20,10 +20,14 @@ class Drawn:
     loops: list[str] = field(default_factory=list)
     at: dict[str, Point] = field(default_factory=lambda: {"base": (0, 0, 0)})
 
-    def body(self, name: str, parent: str, point: Point, joint: str = "revolute, axis: z") -> str:
+    def body(
+        self, name: str, parent: str, point: Point, joint: str = "revolute, axis: z"
+    ) -> str:
         """A body that is joined to its parent at a point."""
         xyz, self.at[name] = self._from(parent, point), point
-        self.bodies.append(f"{{name: {name}, parent: {parent}, joint: {{type: {joint}, origin: {{xyz: {xyz}}}}}}}")
+        self.bodies.append(
+            f"{{name: {name}, parent: {parent}, joint: {{type: {joint}, origin: {{xyz: {xyz}}}}}}}"
+        )
         return name
 
     def chain(self, name: str, parent: str, *joints: tuple[Point, str]) -> str:
@@ -32,7 +36,9 @@ class Drawn:
             parent = self.body(f"{name}{k}", parent, point, joint)
         return parent
 
-    def loop(self, first: str, second: str, point: Point, joint: str = "revolute, axis: z") -> None:
+    def loop(
+        self, first: str, second: str, point: Point, joint: str = "revolute, axis: z"
+    ) -> None:
         """A joint that closes a loop at a point."""
         one, two = self._from(first, point), self._from(second, point)
         self.loops.append(
@@ -41,12 +47,16 @@ class Drawn:
 
     @property
     def text(self) -> str:
-        bodies, loops = ("".join(f"  - {entry}\n" for entry in part) for part in (self.bodies, self.loops))
+        bodies, loops = (
+            "".join(f"  - {entry}\n" for entry in part)
+            for part in (self.bodies, self.loops)
+        )
         return f"gravity: [{self.gravity}]\nbodies:\n{bodies}loops:\n{loops}"
 
     def _from(self, body: str, point: Point) -> str:
         parts = [
-            Fraction(str(a)) - Fraction(str(b)) for a, b in zip(_spatial(point), _spatial(self.at[body]), strict=True)
+            Fraction(str(a)) - Fraction(str(b))
+            for a, b in zip(_spatial(point), _spatial(self.at[body]), strict=True)
         ]
         return f"[{', '.join(map(str, parts))}]"
 

@@ -34,7 +34,11 @@ def leg_loops(side: str) -> str:
 def biped(base: str) -> str:
     """A pelvis with two such legs."""
     pelvis = f'<body name="pelvis" pos="0 0 1">{base}INERTIA{leg("left", 0.135)}{leg("right", -0.135)}</body>'
-    motors = " ".join(f"{joint}-{s}" for s in ("left", "right") for joint in ("roll", "yaw", "pitch", "knee", "crank"))
+    motors = " ".join(
+        f"{joint}-{s}"
+        for s in ("left", "right")
+        for joint in ("roll", "yaw", "pitch", "knee", "crank")
+    )
     return mjcf(pelvis, leg_loops("left") + leg_loops("right"), motors)
 
 

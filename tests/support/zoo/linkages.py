@@ -41,8 +41,18 @@ def peaucellier() -> str:
 def octahedron() -> str:
     """Bricard's ring of faces of a flexible octahedron that is symmetric about a plane; all edges are integers."""
     robot, last = Drawn(), "base"
-    corners = ((-8, 1, -4), (-4, -7, 4), (10, 0, -10), (-8, -1, -4), (-4, 7, 4), (0, 0, 0))
-    edges = [[b - a for a, b in zip(*pair, strict=True)] for pair in pairwise((*corners, corners[0]))]
+    corners = (
+        (-8, 1, -4),
+        (-4, -7, 4),
+        (10, 0, -10),
+        (-8, -1, -4),
+        (-4, 7, 4),
+        (0, 0, 0),
+    )
+    edges = [
+        [b - a for a, b in zip(*pair, strict=True)]
+        for pair in pairwise((*corners, corners[0]))
+    ]
     for k in range(5):
         last = robot.body(f"face{k}", last, corners[k], turn(str(edges[k])))
     robot.loop(last, "base", corners[5], turn(str(edges[5])))
@@ -73,10 +83,15 @@ def jansen(legs: int) -> str:
 
 def _jansen_leg(robot: Drawn, leg: int, phase: float) -> None:
     crank, frame = (0.15 * cos(phase), 0.15 * sin(phase)), (-0.38, -0.078)
-    top, knee = _meet(frame, 0.415, crank, 0.5, 1), _meet(frame, 0.393, crank, 0.619, -1)
+    top, knee = (
+        _meet(frame, 0.415, crank, 0.5, 1),
+        _meet(frame, 0.393, crank, 0.619, -1),
+    )
     back = _meet(frame, 0.401, top, 0.558, 1)
     ankle = _meet(knee, 0.367, back, 0.394, -1)
-    crank, top, knee, back, ankle = ((round(x, 5), round(y, 5)) for x, y in (crank, top, knee, back, ankle))
+    crank, top, knee, back, ankle = (
+        (round(x, 5), round(y, 5)) for x, y in (crank, top, knee, back, ankle)
+    )
     for name, parent, point in (
         ("upper", "shaft", crank),
         ("lower", "shaft", crank),
@@ -91,13 +106,17 @@ def _jansen_leg(robot: Drawn, leg: int, phase: float) -> None:
     robot.loop(f"rod{leg}", f"foot{leg}", ankle)
 
 
-def _meet(p: tuple[float, float], r: float, q: tuple[float, float], s: float, side: int) -> tuple[float, float]:
+def _meet(
+    p: tuple[float, float], r: float, q: tuple[float, float], s: float, side: int
+) -> tuple[float, float]:
     """Where two circles meet."""
     dx, dy = q[0] - p[0], q[1] - p[1]
     apart = hypot(dx, dy)
     along = (r * r - s * s + apart * apart) / (2 * apart)
     across = side * sqrt(r * r - along * along)
-    return p[0] + (along * dx - across * dy) / apart, p[1] + (along * dy + across * dx) / apart
+    return p[0] + (along * dx - across * dy) / apart, p[1] + (
+        along * dy + across * dx
+    ) / apart
 
 
 def parallelograms(count: int) -> str:
@@ -124,7 +143,9 @@ def sliding_coupler() -> str:
 
 def spherical(joints: int) -> str:
     robot = Drawn()
-    last = robot.chain("link", "base", *((ZERO, turn(axis)) for axis in OBLIQUE[: joints - 1]))
+    last = robot.chain(
+        "link", "base", *((ZERO, turn(axis)) for axis in OBLIQUE[: joints - 1])
+    )
     robot.loop(last, "base", ZERO, turn(OBLIQUE[joints - 1]))
     return robot.text
 
@@ -134,7 +155,12 @@ def sarrus(raised: bool) -> str:
     robot = Drawn()
     y, oblique = turn("y"), turn("[2, 1, 0]")
     top = robot.chain("a", "base", ((2, 0, 0), y), ((3, 0, 2), y), ((2, 0, 4), y))
-    robot.loop(robot.chain("b", "base", ((0, 2, 0), oblique), ((0, 3, 2), oblique)), top, (0, 2, 4), oblique)
+    robot.loop(
+        robot.chain("b", "base", ((0, 2, 0), oblique), ((0, 3, 2), oblique)),
+        top,
+        (0, 2, 4),
+        oblique,
+    )
     pose = "a1: -0.000939188, a2: 0.001878375, a3: -0.000939188, b1: 0.001050291, b2: -0.002100582"
     return f"{robot.text}assembly: {{{pose}}}\n" if raised else robot.text
 
@@ -167,7 +193,14 @@ def agile_eye() -> str:
 def universal_chain() -> str:
     robot = Drawn()
     cross, crossed = "universal, axis: x, axis2: y", "universal, axis: y, axis2: x"
-    last = robot.chain("shaft", "base", (ZERO, turn("z")), ((0, 0, 1), cross), ((0, 1, 3), cross), ((1, 1, 5), crossed))
+    last = robot.chain(
+        "shaft",
+        "base",
+        (ZERO, turn("z")),
+        ((0, 0, 1), cross),
+        ((0, 1, 3), cross),
+        ((1, 1, 5), crossed),
+    )
     robot.loop(last, "base", (1, 1, 7), "cylindrical, axis: z")
     return robot.text
 
@@ -175,9 +208,19 @@ def universal_chain() -> str:
 LEGS = (
     ((5, 0, 0), (2, 0, 4), "[0, 1, 0]", "[4, 0, 3]", "[-3, 0, 4]"),
     ((0, 5, 0), (0, 2, 4), "[1, 0, 0]", "[0, 4, 3]", "[0, -3, 4]"),
-    ((-3, -4, 0), (-2, Fraction(-8, 3), 4), "[4, -3, 0]", "[36, 48, -25]", "[3, 4, 12]"),
+    (
+        (-3, -4, 0),
+        (-2, Fraction(-8, 3), 4),
+        "[4, -3, 0]",
+        "[36, 48, -25]",
+        "[3, 4, 12]",
+    ),
 )
-OTHERS = (("[2, 1, 2]", "[1, 2, -2]"), ("[2, 3, 6]", "[6, 2, -3]"), ("[1, 4, 8]", "[4, 7, -4]"))
+OTHERS = (
+    ("[2, 1, 2]", "[1, 2, -2]"),
+    ("[2, 3, 6]", "[6, 2, -3]"),
+    ("[1, 4, 8]", "[4, 7, -4]"),
+)
 
 
 def three_upu(*, parallel: bool) -> str:
@@ -185,9 +228,16 @@ def three_upu(*, parallel: bool) -> str:
     robot = Drawn()
     for k, (low, high, outer, inner, along) in enumerate(LEGS):
         near, far = (inner, outer) if parallel else OTHERS[k]
-        leg = (low, turn(outer)), (low, turn(inner)), (low, slide(along)), (high, turn(near))
+        leg = (
+            (low, turn(outer)),
+            (low, turn(inner)),
+            (low, slide(along)),
+            (high, turn(near)),
+        )
         end = robot.chain(f"leg{k}_", "base", *leg)
-        robot.body("top", end, high, turn(far)) if k == 0 else robot.loop(end, "top", high, turn(far))
+        robot.body("top", end, high, turn(far)) if k == 0 else robot.loop(
+            end, "top", high, turn(far)
+        )
     return robot.text
 
 
@@ -200,17 +250,28 @@ def three_prs() -> str:
     )
     for k, (low, high, axis) in enumerate(legs):
         end = robot.chain(f"leg{k}_", "base", (low, slide("z")), (low, turn(axis)))
-        robot.body("top", end, high, "spherical") if k == 0 else robot.loop(end, "top", high, "spherical")
+        robot.body("top", end, high, "spherical") if k == 0 else robot.loop(
+            end, "top", high, "spherical"
+        )
     return robot.text
 
 
-def gough(base: tuple[Point, ...], top: tuple[Point, ...], pairs: tuple[tuple[int, int], ...]) -> str:
+def gough(
+    base: tuple[Point, ...], top: tuple[Point, ...], pairs: tuple[tuple[int, int], ...]
+) -> str:
     robot = Drawn()
     for k, (i, j) in enumerate(pairs):
         low, high = base[i], top[j]
         along = ", ".join(str(b - a) for a, b in zip(low, high, strict=True))
-        end = robot.chain(f"leg{k}_", "base", (low, "universal, axis: x, axis2: y"), (low, slide(f"[{along}]")))
-        robot.body("top", end, high, "spherical") if k == 0 else robot.loop(end, "top", high, "spherical")
+        end = robot.chain(
+            f"leg{k}_",
+            "base",
+            (low, "universal, axis: x, axis2: y"),
+            (low, slide(f"[{along}]")),
+        )
+        robot.body("top", end, high, "spherical") if k == 0 else robot.loop(
+            end, "top", high, "spherical"
+        )
     return robot.text
 
 
@@ -218,13 +279,17 @@ ARMS = ((1, 0), (Fraction(-3, 5), Fraction(4, 5)), (Fraction(-3, 5), Fraction(-4
 ROOTS = ((1, 2), (-2, 1), (-1, -3))
 
 
-def delta(rod: str, arms: tuple[tuple[int | Fraction, int | Fraction], ...] = ARMS) -> str:
+def delta(
+    rod: str, arms: tuple[tuple[int | Fraction, int | Fraction], ...] = ARMS
+) -> str:
     """Arms along some directions, frames in full, rods in parallel pairs between balls."""
     robot = Drawn()
     for k, (c, s) in enumerate(arms):
         robot.body(f"arm{k}", "base", (2 * c, 2 * s, 0), turn(f"[{-s}, {c}, 0]"))
         for name, w in (("a", Fraction(1, 2)), ("b", Fraction(-1, 2))):
-            robot.body(f"rod{k}{name}", f"arm{k}", (3 * c - s * w, 3 * s + c * w, -1), rod)
+            robot.body(
+                f"rod{k}{name}", f"arm{k}", (3 * c - s * w, 3 * s + c * w, -1), rod
+            )
             high = (c - s * w, s + c * w, -4)
             if "top" in robot.at:
                 robot.loop(f"rod{k}{name}", "top", high, "spherical")
@@ -251,7 +316,13 @@ def car_jack() -> str:
         robot.body(f"{side}0", "base", ZERO)
         robot.body(f"{side}1", f"{side}0", (x, 3))
     robot.loop("left1", "right1", (0, 6))
-    robot.chain("screw", "left0", ((-4, 3), turn("z")), ((-4, 3), turn("x")), ((4, 3), "helical, axis: x, pitch: 1/50"))
+    robot.chain(
+        "screw",
+        "left0",
+        ((-4, 3), turn("z")),
+        ((-4, 3), turn("x")),
+        ((4, 3), "helical, axis: x, pitch: 1/50"),
+    )
     robot.loop("screw3", "right0", (4, 3))
     return robot.text
 
@@ -309,14 +380,26 @@ def welded_arms() -> str:
 TOP = ((1, 1, 4), (-2, 0, 4), (1, -2, 5))
 LINKAGES = {
     "Peaucellier": Case(1, 14, peaucellier()),
-    "Peaucellier, moved": Case(1, 14, at(peaucellier(), "crank: 0.2733, a: 0.1303, b: 0.143")),
+    "Peaucellier, moved": Case(
+        1, 14, at(peaucellier(), "crank: 0.2733, a: 0.1303, b: 0.143")
+    ),
     "Peaucellier, rhombus folded": Case(
-        2, 11, at(peaucellier(), "crank: 0.1076, a: -1.2322, anear: -0.6776, afar: 1.6212, b: 0.0548, bfar: -1.6314")
+        2,
+        11,
+        at(
+            peaucellier(),
+            "crank: 0.1076, a: -1.2322, anear: -0.6776, afar: 1.6212, b: 0.0548, bfar: -1.6314",
+        ),
     ),
     "octahedron": Case(1, 22, octahedron()),
     "scissor lift": Case(1, 5, scissors(3)),
     "scissor lift, folded": Case(
-        2, 6, at(scissors(2), "left0: -2.4, foot: -4, right0: 2.0281, left1: 1.0122, right1: -2.697")
+        2,
+        6,
+        at(
+            scissors(2),
+            "left0: -2.4, foot: -4, right0: 2.0281, left1: 1.0122, right1: -2.697",
+        ),
     ),
     "Jansen": Case(1, 18, jansen(1)),
     "Jansen, three legs": Case(1, 48, jansen(3), slow=True),
@@ -334,7 +417,11 @@ LINKAGES = {
     "Gough-Stewart, 3-3": Case(
         6,
         82,
-        gough(((3, 0, 0), (-2, 3, 0), (-2, -4, 0)), TOP, ((0, 0), (0, 2), (1, 0), (1, 1), (2, 1), (2, 2))),
+        gough(
+            ((3, 0, 0), (-2, 3, 0), (-2, -4, 0)),
+            TOP,
+            ((0, 0), (0, 2), (1, 0), (1, 1), (2, 1), (2, 2)),
+        ),
         slow=True,
     ),
     "Gough-Stewart, 6-3": Case(
@@ -355,7 +442,18 @@ LINKAGES = {
     "differential screw": Case(1, 4, differential_screw()),
     "welded, seven revolutes": Case(1, 31, welded(*map(turn, "zxyzxyz")), slow=True),
     "welded, with slides": Case(
-        1, 24, welded(turn("z"), slide("x"), turn("y"), turn("[1, 2, 2]"), slide("z"), turn("x"), turn("z")), slow=True
+        1,
+        24,
+        welded(
+            turn("z"),
+            slide("x"),
+            turn("y"),
+            turn("[1, 2, 2]"),
+            slide("z"),
+            turn("x"),
+            turn("z"),
+        ),
+        slow=True,
     ),
     "welded arms, with a screw": Case(2, 40, welded_arms(), slow=True),
 }

@@ -27,7 +27,11 @@ def delta() -> str:
         arm = f'<body name="arm{k}" pos="0.12 0 0"><joint name="arm{k}" axis="0 1 0"/>INERTIA{bar}</body>'
         arms += f'<body euler="0 0 {120 * k}">{arm}</body>'
         ends += f'<body euler="0 0 {120 * k}">{sites}</body>'
-    return mjcf(f'{arms}<body name="top" pos="0 0 -0.4"><freejoint/>INERTIA{ends}</body>', pins, "arm0 arm1 arm2")
+    return mjcf(
+        f'{arms}<body name="top" pos="0 0 -0.4"><freejoint/>INERTIA{ends}</body>',
+        pins,
+        "arm0 arm1 arm2",
+    )
 
 
 def welded_chain() -> str:
@@ -133,13 +137,21 @@ MJCF_LINKAGES = {
 """.replace("INERTIA", INERTIA),
     ),
     "four bar that moves a rack by a joint equality": Case(
-        1, 8, mjcf(BARS + RACK, PIN + '<joint joint1="a" joint2="rack" polycoef="0 10 0 0 0"/>')
+        1,
+        8,
+        mjcf(
+            BARS + RACK, PIN + '<joint joint1="a" joint2="rack" polycoef="0 10 0 0 0"/>'
+        ),
     ),
     "four bar that moves a rack by a tendon": Case(
         1,
         8,
-        mjcf(BARS + RACK, PIN + '<tendon tendon1="t"/>').replace("<equality>", f"{TENDON}<equality>"),
+        mjcf(BARS + RACK, PIN + '<tendon tendon1="t"/>').replace(
+            "<equality>", f"{TENDON}<equality>"
+        ),
     ),
     "delta connect mjcf": Case(3, 37, delta(), slow=True),
-    "chain with many angles, welded to the world mjcf": Case(2, 36, welded_chain(), slow=True),
+    "chain with many angles, welded to the world mjcf": Case(
+        2, 36, welded_chain(), slow=True
+    ),
 }

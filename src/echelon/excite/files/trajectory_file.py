@@ -290,7 +290,9 @@ def _read_splines(
     clamped = len(breaks) >= 2 and ends == [0.0] * degree + [breaks[-1]] * degree
     if not clamped or breaks[0] != 0 or np.any(np.diff(breaks) <= 0):
         ends_with = f"end with {degree + 1} times the duration"
-        problem = f"of degree {degree} begin with {degree + 1} times 0, rise, and {ends_with}"
+        problem = (
+            f"of degree {degree} begin with {degree + 1} times 0, rise, and {ends_with}"
+        )
         raise InputError(problem, element=f"{path}.knots")
     places(list(record.control_points), names, f"{path}.control_points")
     basis = Splines(tuple(breaks.tolist()), degree)

@@ -29,14 +29,44 @@ from echelon.exact.expressions import (
     parse_angle,
     pi_generators,
 )
-from echelon.exact.field import CERTIFICATE_BITS, DEFAULT_SEED, PrimeField, random_generator, residues_at
-from echelon.exact.polynomial import Number, Polynomial, Rational, Surd, is_trigonometric, symbol_of
+from echelon.exact.field import (
+    CERTIFICATE_BITS,
+    DEFAULT_SEED,
+    PrimeField,
+    random_generator,
+    residues_at,
+)
+from echelon.exact.polynomial import (
+    Number,
+    Polynomial,
+    Rational,
+    Surd,
+    is_trigonometric,
+    symbol_of,
+)
 from echelon.formats.bodies import BASE
 from echelon.formats.literal import central_inertial
-from echelon.formats.snapping import NOT_FINITE, ReadingOptions, Snapping, checked_size, gravity_vector
+from echelon.formats.snapping import (
+    NOT_FINITE,
+    ReadingOptions,
+    Snapping,
+    checked_size,
+    gravity_vector,
+)
 from echelon.hints import nearest, nearest_of
 from echelon.inputs import DESCRIPTION_NODES, decoded, parse_json, parse_yaml
-from echelon.mechanism.joint import IDENTITY, ORIGIN, Matrix, Placement, Symbol, Vector, X, Y, Z, turn
+from echelon.mechanism.joint import (
+    IDENTITY,
+    ORIGIN,
+    Matrix,
+    Placement,
+    Symbol,
+    Vector,
+    X,
+    Y,
+    Z,
+    turn,
+)
 from echelon.mechanism.mechanism import Mechanism, Snap
 from echelon.mechanism.stated import geometry as geometry_of
 from echelon.mechanism.stated import symbol_roles
@@ -63,7 +93,9 @@ class Document:
 
     def error(self, path: str, problem: str) -> InputError:
         """An error about the element at a path such as ``modified_dh[3].alpha``."""
-        begun = max((name for name in self.names if path.startswith(name)), key=len, default="")
+        begun = max(
+            (name for name in self.names if path.startswith(name)), key=len, default=""
+        )
         path = known = self.names.get(begun, "") + path.removeprefix(begun)
         while known and known not in self.lines:
             known = known[: max(known.rfind("."), known.rfind("["), 0)]
@@ -81,7 +113,9 @@ def read_text(text: str | bytes, source: str) -> Document:
     # YAML may begin with a brace as well, so JSON that fails is tried as YAML unless the file's name says JSON
     if is_json or text.lstrip().startswith("{"):
         try:
-            return Document(parse_json(text, source, DESCRIPTION_NODES, as_text=True), source)
+            return Document(
+                parse_json(text, source, DESCRIPTION_NODES, as_text=True), source
+            )
         except InputError:
             if is_json:
                 raise
@@ -91,7 +125,10 @@ def read_text(text: str | bytes, source: str) -> Document:
         problem = f"one document describes one robot, but a second document begins (line {line})"
         raise InputError(f"not well-formed YAML: {problem}", source=source)
     if not found:
-        raise InputError("the document is empty; a description begins with 'echelon: 1'", source=source)
+        raise InputError(
+            "the document is empty; a description begins with 'echelon: 1'",
+            source=source,
+        )
     return Document(found[0].data, source, found[0].lines)
 
 
@@ -105,7 +142,13 @@ def check_document(document: Document) -> RobotDescription:
     from echelon.formats.schema.robot_schema import RobotDescription
 
     if not isinstance(document.data, dict):
-        found = "a list" if isinstance(document.data, list) else "nothing" if document.data is None else "a text"
+        found = (
+            "a list"
+            if isinstance(document.data, list)
+            else "nothing"
+            if document.data is None
+            else "a text"
+        )
         raise document.error("", f"{_START}; this is {found}")
     if "echelon" not in document.data:
         raise document.error("", f"the key 'echelon' is missing: {_START}")
@@ -114,7 +157,9 @@ def check_document(document: Document) -> RobotDescription:
     except ValidationError as error:
         from echelon.formats.description.explanations import explained
 
-        raise document.error(*explained(document.data, error.errors(include_url=False))) from None
+        raise document.error(
+            *explained(document.data, error.errors(include_url=False))
+        ) from None
 
 
 _MOST_TERMS = 5000
@@ -126,28 +171,44 @@ class Expressions:
     """Reads the expressions of one description."""
 
     def __init__(
-        self, document: Document, options: ReadingOptions, literal: Collection[str], symbols: Mapping[str, Symbol]
+        self,
+        document: Document,
+        options: ReadingOptions,
+        literal: Collection[str],
+        symbols: Mapping[str, Symbol],
     ) -> None:
         self.document = document
         self.declared = frozenset(symbols)
         self.snapping = Snapping(document.source, options, literal, dict(symbols))
-        self._turns: set[str] = set()  # symbols of angles within the expression that was read last
+        self._turns: set[str] = (
+            set()
+        )  # symbols of angles within the expression that was read last
 
     @property
     def named(self) -> dict[str, Symbol]:
         """Symbols that were given to angles without an exact sine."""
-        return {name: symbol for name, symbol in self.snapping.symbols.items() if name not in self.declared}
+        return {
+            name: symbol
+            for name, symbol in self.snapping.symbols.items()
+            if name not in self.declared
+        }
 
     def error(self, path: str, problem: str) -> InputError:
         """An error about the element at a path."""
         return self.document.error(path, problem)
 
-    def check(self, name: str, valid: Collection[str], path: str, what: str = "coordinate") -> None:
+    def check(
+        self, name: str, valid: Collection[str], path: str, what: str = "coordinate"
+    ) -> None:
         """Refuse a name that nothing has; the error suggests the nearest one."""
         if name not in valid:
-            raise self.error(path, f"there is no {what} '{name}'{nearest_of(name, valid)}")
+            raise self.error(
+                path, f"there is no {what} '{name}'{nearest_of(name, valid)}"
+            )
 
-    def polynomial(self, text: str, path: str, coordinates: Collection[str] = ()) -> Polynomial:
+    def polynomial(
+        self, text: str, path: str, coordinates: Collection[str] = ()
+    ) -> Polynomial:
         """Any expression in declared symbols, pi, and coordinates where they may stand."""
         value = self.parsed(text, path)
         for name in value.symbols():
@@ -155,7 +216,9 @@ class Expressions:
                 problem = f"the symbol '{name}' in '{text}' is not declared: list it in symbols"
                 if coordinates:
                     problem = f"'{name}' in '{text}' is neither a coordinate nor a declared symbol"
-                raise self.error(path, problem + nearest(name, [*self.declared, *coordinates]))
+                raise self.error(
+                    path, problem + nearest(name, [*self.declared, *coordinates])
+                )
         return value
 
     def parsed(self, text: str, path: str) -> Polynomial:
@@ -171,7 +234,9 @@ class Expressions:
         try:
             value = parse(text, named=named)
             if len(value.terms) > _MOST_TERMS:
-                raise ValueError(f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})")
+                raise ValueError(
+                    f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})"
+                )
             for coefficient in value.terms.values():
                 checked_size(coefficient, text)
         except ValueError as error:
@@ -182,16 +247,24 @@ class Expressions:
         if NOT_FINITE.fullmatch(text) and text not in self.declared:
             raise self.error(path, f"'{text}' is not a finite number")
         if _LEADING_ZERO.fullmatch(text) and int(text):
-            raise self.error(path, f"'{text}' could be decimal or octal: write it without the leading zero")
+            raise self.error(
+                path,
+                f"'{text}' could be decimal or octal: write it without the leading zero",
+            )
         if "°" in text or text.endswith("deg"):
-            raise self.error(path, f"'{text}' is in degrees: angles are in radians, such as 30*pi/180")
+            raise self.error(
+                path,
+                f"'{text}' is in degrees: angles are in radians, such as 30*pi/180",
+            )
 
     def length(self, text: str, path: str) -> Polynomial:
         """An expression that is not an angle, so without pi."""
         value = self.polynomial(text, path)
         if not {PI, PER_PI}.isdisjoint(value.generators()):
             problem = f"pi can occur in angles and in values of symbols, not in '{text}': write a symbol here"
-            raise self.error(path, f"{problem}, and its value in 'symbols', such as p: 0.01/(2*pi)")
+            raise self.error(
+                path, f"{problem}, and its value in 'symbols', such as p: 0.01/(2*pi)"
+            )
         return value
 
     def vector(self, texts: Sequence[str], path: str) -> Vector:
@@ -210,7 +283,9 @@ class Expressions:
         """A number as a float."""
         return float(self.number(text, path))
 
-    def direction(self, axis: str | Sequence[str], path: str) -> tuple[Rational, Rational, Rational]:
+    def direction(
+        self, axis: str | Sequence[str], path: str
+    ) -> tuple[Rational, Rational, Rational]:
         """A direction: a coordinate axis such as ``-x``, or three numbers that are not all zero."""
         if isinstance(axis, str):
             sign = -1 if axis.startswith("-") else 1
@@ -218,7 +293,9 @@ class Expressions:
             return (x, y, z)
         numbers = [self.number(text, f"{path}[{i}]") for i, text in enumerate(axis)]
         if not any(numbers):
-            raise self.error(path, "the axis is zero; it needs a direction such as z or [0, 0, 1]")
+            raise self.error(
+                path, "the axis is zero; it needs a direction such as z or [0, 0, 1]"
+            )
         # only directions are taken from these numbers, as floats, so a square root may be rounded like one
         a, b, c = (Fraction(float(n)) if isinstance(n, Surd) else n for n in numbers)
         return (a, b, c)
@@ -241,7 +318,9 @@ class Expressions:
         turns = stated.half_turns if has_steps else Fraction(0)
         if not has_steps:
             # stated exactly as a part of pi, so it must not be mistaken for a rounded multiple of 15°
-            read = self.snapping.named_angle(Angle(stated.half_turns, radians=stated.radians), path, name)
+            read = self.snapping.named_angle(
+                Angle(stated.half_turns, radians=stated.radians), path, name
+            )
         elif stated.radians:
             read = self.snapping.angle(stated.radians, path, name)
         else:
@@ -255,13 +334,21 @@ class Expressions:
         if stated is None:
             return None
         if isinstance(stated, StandardInertial):
-            return tuple(self.real(text, f"{path}.standard[{i}]") for i, text in enumerate(stated.standard))
+            return tuple(
+                self.real(text, f"{path}.standard[{i}]")
+                for i, text in enumerate(stated.standard)
+            )
         mass = self.real(stated.mass, f"{path}.mass")
         if mass < 0:
             raise self.error(f"{path}.mass", f"'{stated.mass}' is negative")
-        centre = [self.real(text, f"{path}.com[{i}]") for i, text in enumerate(stated.com)]
+        centre = [
+            self.real(text, f"{path}.com[{i}]") for i, text in enumerate(stated.com)
+        ]
         keys = ("xx", "xy", "xz", "yy", "yz", "zz")
-        moments = [self.real(getattr(stated.inertia, key), f"{path}.inertia.{key}") for key in keys]
+        moments = [
+            self.real(getattr(stated.inertia, key), f"{path}.inertia.{key}")
+            for key in keys
+        ]
         return central_inertial(mass, centre, moments, np.eye(3))
 
     # -- frames ----------------------------------------------------------------------------------------------------
@@ -270,14 +357,23 @@ class Expressions:
         """Where a frame sits in another."""
         placed = Placement(IDENTITY, self.vector(frame.xyz, f"{path}.xyz"))
         if frame.rotation is not None:
-            return placed @ Placement(self._rotation(frame.rotation, f"{path}.rotation"))
+            return placed @ Placement(
+                self._rotation(frame.rotation, f"{path}.rotation")
+            )
         if frame.rpy is not None:
-            found = [self.polynomial(text, f"{path}.rpy[{k}]").number for k, text in enumerate(frame.rpy)]
+            found = [
+                self.polynomial(text, f"{path}.rpy[{k}]").number
+                for k, text in enumerate(frame.rpy)
+            ]
             numbers = [number for number in found if isinstance(number, int | Fraction)]
             if self.snapping.options.looped and len(numbers) == len(found):
-                return placed @ self.snapping.rotation((numbers[0], numbers[1], numbers[2]), f"{path}.rpy", stem)
+                return placed @ self.snapping.rotation(
+                    (numbers[0], numbers[1], numbers[2]), f"{path}.rpy", stem
+                )
             for axis, word in ((Z, "yaw"), (Y, "pitch"), (X, "roll")):
-                placed = placed @ self.turned(axis, frame.rpy[axis], f"{path}.rpy[{axis}]", f"{word}{stem}")
+                placed = placed @ self.turned(
+                    axis, frame.rpy[axis], f"{path}.rpy[{axis}]", f"{word}{stem}"
+                )
         return placed
 
     def _rotation(self, rows: tuple[tuple[str, str, str], ...], path: str) -> Matrix:
@@ -299,11 +395,22 @@ def _is_rotation(matrix: Matrix) -> bool:
     rng = random_generator(DEFAULT_SEED)
     field = PrimeField.random(rng, CERTIFICATE_BITS)
     entries = [entry for row in matrix for entry in row]
-    symbols = {s: field.draw(rng, (1,)) for s in sorted({s for entry in entries for s in entry.symbols()})}
-    point = residues_at({g for entry in entries for g in entry.generators()}, symbols, field)
-    a, b, c = ([entry.evaluate(point, field.embed) % field.p for entry in row] for row in matrix)
+    symbols = {
+        s: field.draw(rng, (1,))
+        for s in sorted({s for entry in entries for s in entry.symbols()})
+    }
+    point = residues_at(
+        {g for entry in entries for g in entry.generators()}, symbols, field
+    )
+    a, b, c = (
+        [entry.evaluate(point, field.embed) % field.p for entry in row]
+        for row in matrix
+    )
     third = [(a[i] * b[j] - a[j] * b[i]) % field.p for i, j in ((1, 2), (2, 0), (0, 1))]
-    products = [sum(x * y for x, y in zip(*pair, strict=True)) % field.p for pair in ((a, a), (b, b), (a, b))]
+    products = [
+        sum(x * y for x, y in zip(*pair, strict=True)) % field.p
+        for pair in ((a, a), (b, b), (a, b))
+    ]
     return products == [1, 1, 0] and c == third
 
 
@@ -312,15 +419,23 @@ def coordinate_axis(direction: str) -> tuple[int, int]:
     return "xyz".index(direction[-1]), -1 if direction.startswith("-") else 1
 
 
-GENERIC = gravity_vector("generic", ORIGIN)  # gravity of unknown direction; its symbols need no declaration
+GENERIC = gravity_vector(
+    "generic", ORIGIN
+)  # gravity of unknown direction; its symbols need no declaration
 
 
 def cut_off(robot: RobotDescription) -> tuple[str, ...]:
     """Names of the parts that force/torque sensors carry, which are bodies even where they are fixed."""
-    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
+    return tuple(
+        w
+        for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ())
+        if w != BASE
+    )
 
 
-def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[str, Symbol], frozenset[str]]:
+def declared_symbols(
+    robot: RobotDescription, document: Document
+) -> tuple[dict[str, Symbol], frozenset[str]]:
     """The declared symbols."""
     expressions = Expressions(document, ReadingOptions(), (), {})
     symbols, bare = {}, set()
@@ -337,18 +452,31 @@ def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[
             if entry.approximate is not None:
                 value = expressions.real(entry.approximate, f"{path}.approximate")
             if entry.tangent_squared is not None:
-                arc = _tangent_squared(expressions, entry.tangent_squared, value, f"{path}.tangent_squared")
+                arc = _tangent_squared(
+                    expressions, entry.tangent_squared, value, f"{path}.tangent_squared"
+                )
             if value is None and not meaning:
                 bare.add(name)
         symbols[name] = Symbol(name, value, stated, meaning, tangent_squared=arc)
     return symbols, frozenset(bare)
 
 
-def _tangent_squared(expressions: Expressions, text: str, angle: float | None, path: str) -> Fraction:
+def _tangent_squared(
+    expressions: Expressions, text: str, angle: float | None, path: str
+) -> Fraction:
     square = expressions.number(text, path)
-    if isinstance(square, Surd) or square <= 0 or angle is None or abs(math.atan(math.sqrt(square)) - angle) > _SAME:
-        problem = "it must be that of the angle stated as approximate, between 0 and pi/2"
-        raise expressions.document.error(path, f"{problem}, and {text} is not that of {angle} rad")
+    if (
+        isinstance(square, Surd)
+        or square <= 0
+        or angle is None
+        or abs(math.atan(math.sqrt(square)) - angle) > _SAME
+    ):
+        problem = (
+            "it must be that of the angle stated as approximate, between 0 and pi/2"
+        )
+        raise expressions.document.error(
+            path, f"{problem}, and {text} is not that of {angle} rad"
+        )
     return Fraction(square)
 
 
@@ -380,37 +508,65 @@ def with_intended_angles(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
     found = dict(mechanism.symbols)
     for name in sorted(symbol_roles(mechanism).angles & found.keys()):
         symbol, element = found[name], f"symbols.{name}"
-        if symbol.exact is None or symbol.value is None or parse_angle(symbol.exact).half_turns:
+        if (
+            symbol.exact is None
+            or symbol.value is None
+            or parse_angle(symbol.exact).half_turns
+        ):
             continue
         radians = parse_angle(symbol.exact).radians
-        steps = round(snapping.angle_value(radians, element) * STEPS_PER_HALF_TURN / math.pi)
+        steps = round(
+            snapping.angle_value(radians, element) * STEPS_PER_HALF_TURN / math.pi
+        )
         exact = steps * math.pi / STEPS_PER_HALF_TURN
         difference = abs(symbol.value - exact)
         if steps and difference <= snapping.angle_tolerance(element):
-            snapping.snaps.append(Snap(element, symbol.exact, f"{15 * steps}°", difference))
-            found[name] = replace(symbol, value=exact, exact=f"{steps}*pi/{STEPS_PER_HALF_TURN}")
+            snapping.snaps.append(
+                Snap(element, symbol.exact, f"{15 * steps}°", difference)
+            )
+            found[name] = replace(
+                symbol, value=exact, exact=f"{steps}*pi/{STEPS_PER_HALF_TURN}"
+            )
     return replace(mechanism, symbols=found)
 
 
-def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document) -> list[str]:
+def check_use(
+    mechanism: Mechanism, robot: RobotDescription, document: Document
+) -> list[str]:
     """Check that every symbol has one role."""
     lengths, others = geometry_of(mechanism)
-    geometry = {generator for entry in (*lengths, *others) for generator in entry.generators()}
-    gravity = {generator for entry in mechanism.gravity or () for generator in entry.generators()}
+    geometry = {
+        generator for entry in (*lengths, *others) for generator in entry.generators()
+    }
+    gravity = {
+        generator
+        for entry in mechanism.gravity or ()
+        for generator in entry.generators()
+    }
     plain = {g for g in geometry | gravity if not is_trigonometric(g)}
     for generator in geometry | gravity:
         if is_trigonometric(generator) and symbol_of(generator) in plain:
             name = symbol_of(generator)
-            raise document.error(f"symbols.{name}", f"'{name}' is used as an angle and as another quantity")
+            raise document.error(
+                f"symbols.{name}",
+                f"'{name}' is used as an angle and as another quantity",
+            )
     if mechanism.gravity is not None and mechanism.gravity == GENERIC:
         for name in sorted(gravity & geometry):
             raise document.error(
-                f"symbols.{name}", f"'{name}' is a component of the generic gravity: rename the symbol"
+                f"symbols.{name}",
+                f"'{name}' is a component of the generic gravity: rename the symbol",
             )
-    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
+    terms = " ".join(
+        action.term for effect in mechanism.effects for action in effect.actions
+    )
     used = {symbol_of(g) for g in geometry | gravity} | set(re.findall(r"\w+", terms))
     unused = [name for name in robot.symbols if name not in used]
-    put_in = [name for name in unused if name not in mechanism.symbols and robot.symbols[name] is not None]
+    put_in = [
+        name
+        for name in unused
+        if name not in mechanism.symbols and robot.symbols[name] is not None
+    ]
     return [
         f"the symbol '{name}' is taken at its value everywhere, as loops need ratios that are numbers"
         if name in put_in

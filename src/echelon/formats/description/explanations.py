@@ -31,9 +31,19 @@ def _line(location: tuple[int | str, ...]) -> str:
     models: list[Any] = [RobotDescription]
     found: tuple[str, Any] | None = None
     for place, part in enumerate(location):
-        fields = {name: field for model in models for name, field in model.model_fields.items()}
+        fields = {
+            name: field
+            for model in models
+            for name, field in model.model_fields.items()
+        }
         last = place == len(location) - 1
-        key = str(part) if part in fields else nearest_word(str(part), fields) if last and models else ""
+        key = (
+            str(part)
+            if part in fields
+            else nearest_word(str(part), fields)
+            if last and models
+            else ""
+        )
         if key:
             field = fields[key]
             models = _models(field.annotation)
@@ -44,7 +54,10 @@ def _line(location: tuple[int | str, ...]) -> str:
 def _parts(models: list[Any]) -> dict[str, Any]:
     """The first keys of a mapping with their examples."""
     fields = list(models[0].model_fields.items())[:2] if models else []
-    return {name: field.examples[0] if field.examples else _parts(_models(field.annotation)) for name, field in fields}
+    return {
+        name: field.examples[0] if field.examples else _parts(_models(field.annotation))
+        for name, field in fields
+    }
 
 
 def _models(annotation: Any) -> list[Any]:
@@ -59,7 +72,11 @@ def _locate(data: Any, location: tuple[int | str, ...]) -> tuple[str, Any]:
     path = ""
     for part in location:
         known = isinstance(data, dict) and part in data
-        if known or (isinstance(data, list | tuple) and isinstance(part, int) and part < len(data)):
+        if known or (
+            isinstance(data, list | tuple)
+            and isinstance(part, int)
+            and part < len(data)
+        ):
             data, path = data[part], step_into(path, part)
     return path, data
 

@@ -22,7 +22,11 @@ _UNIVERSAL = re.compile(r"UJOINT_([XYZ])([XYZ])")
 
 def as_description(document: Document) -> Document:
     """The equivalent description."""
-    pairs, joints, motors = _items(document, _PAIRS), _items(document, "joint_name"), _items(document, "name_mot")
+    pairs, joints, motors = (
+        _items(document, _PAIRS),
+        _items(document, "joint_name"),
+        _items(document, "name_mot"),
+    )
     kinds = _of_each(document, "type", _PAIRS, pairs, "6d")
     types = _of_each(document, "joint_type", "joint_name", joints, None)
     path = PurePath(document.source)
@@ -30,7 +34,10 @@ def as_description(document: Document) -> Document:
         "echelon": 1,
         "robot": {
             "file": path.with_suffix(".urdf").name,
-            "joints": {str(name): _joint(document, k, types[k]) for k, name in enumerate(joints)},
+            "joints": {
+                str(name): _joint(document, k, types[k])
+                for k, name in enumerate(joints)
+            },
             "driven": motors,
         },
         "loops": [_loop(document, k, pair, kinds[k]) for k, pair in enumerate(pairs)],
@@ -39,7 +46,10 @@ def as_description(document: Document) -> Document:
     for k, name in enumerate(joints):
         names[f"robot.joints.{name}"] = f"joint_name[{k}]"
     for k in range(len(pairs)):
-        names |= {f"loops[{k}].connects": f"{_PAIRS}[{k}]", f"loops[{k}]": f"{_PAIRS}[{k}]"}
+        names |= {
+            f"loops[{k}].connects": f"{_PAIRS}[{k}]",
+            f"loops[{k}]": f"{_PAIRS}[{k}]",
+        }
     return Document(data, document.source, document.lines, names)
 
 
@@ -50,23 +60,38 @@ def _items(document: Document, key: str) -> list[Any]:
     return found or []
 
 
-def _of_each(document: Document, key: str, of: str, items: list[Any], usual: str | None) -> list[Any]:
+def _of_each(
+    document: Document, key: str, of: str, items: list[Any], usual: str | None
+) -> list[Any]:
     """One entry for every item; for all of them the usual one, if there are none."""
     found = _items(document, key)
     if not found and usual is not None:
         return [usual] * len(items)
     if len(found) != len(items):
-        raise document.error(key, f"has {len(found)} entries, and {of} has {len(items)}: both need as many")
+        raise document.error(
+            key,
+            f"has {len(found)} entries, and {of} has {len(items)}: both need as many",
+        )
     return found
 
 
 def _loop(document: Document, index: int, pair: Any, kind: Any) -> dict[str, Any]:
     joint = _KINDS.get(str(kind).upper())
     if joint is None:
-        raise document.error(f"type[{index}]", f"{kind_of(kind)} is not a type of contact (valid: 6d, 3d)")
+        raise document.error(
+            f"type[{index}]",
+            f"{kind_of(kind)} is not a type of contact (valid: 6d, 3d)",
+        )
     if not isinstance(pair, list) or len(pair) != 2:
-        raise document.error(f"{_PAIRS}[{index}]", f"needs two names of links, found {kind_of(pair)}")
-    return {"name": "-".join(str(name) for name in pair), "joint": joint, "connects": pair, "on_second": {}}
+        raise document.error(
+            f"{_PAIRS}[{index}]", f"needs two names of links, found {kind_of(pair)}"
+        )
+    return {
+        "name": "-".join(str(name) for name in pair),
+        "joint": joint,
+        "connects": pair,
+        "on_second": {},
+    }
 
 
 def _joint(document: Document, index: int, kind: Any) -> dict[str, str]:
@@ -77,4 +102,8 @@ def _joint(document: Document, index: int, kind: Any) -> dict[str, str]:
     if universal is None:
         problem = f"{kind_of(kind)} is not a type of joint (valid: SPHERICAL, CARDAN, UJOINT_ZY and such, FIXED)"
         raise document.error(f"joint_type[{index}]", problem)
-    return {"type": "universal", "axis": universal[1].lower(), "axis2": universal[2].lower()}
+    return {
+        "type": "universal",
+        "axis": universal[1].lower(),
+        "axis2": universal[2].lower(),
+    }

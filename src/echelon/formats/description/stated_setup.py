@@ -15,7 +15,13 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.builder import Built
 from echelon.formats.description.couplings import CouplingReader
-from echelon.formats.description.document import Document, Expressions, coordinate_axis, cut_off, declared_symbols
+from echelon.formats.description.document import (
+    Document,
+    Expressions,
+    coordinate_axis,
+    cut_off,
+    declared_symbols,
+)
 from echelon.formats.literal import StatedJoint
 from echelon.formats.met_frames import at_zero, second_frame
 from echelon.formats.rounding import COARSEST, rounding_of_mechanism
@@ -38,7 +44,15 @@ from echelon.inputs import step_into
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
-from echelon.mechanism.joint import GROUND, Body, Joint, Motion, MotionKind, Placement, merge
+from echelon.mechanism.joint import (
+    GROUND,
+    Body,
+    Joint,
+    Motion,
+    MotionKind,
+    Placement,
+    merge,
+)
 from echelon.mechanism.mechanism import (
     Actuator,
     Channel,
@@ -72,8 +86,19 @@ _ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
 class Additions:
     """What a description adds to a mechanism: loops, drives, rotors, effects and outputs."""
 
-    def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> None:
-        self.mechanism, self.robot, self.expressions, self.find = mechanism, robot, expressions, find
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        robot: RobotDescription,
+        expressions: Expressions,
+        find: FindPart,
+    ) -> None:
+        self.mechanism, self.robot, self.expressions, self.find = (
+            mechanism,
+            robot,
+            expressions,
+            find,
+        )
 
     def added(self) -> Mechanism:
         """The mechanism with all of them."""
@@ -84,15 +109,21 @@ class Additions:
         self.mechanism = replace(self.mechanism, effects=tuple(self._effects()))
         if self.robot.outputs is not None:
             entries = enumerate(self.robot.outputs)
-            measured = tuple(o for k, entry in entries for o in self._outputs(entry, f"outputs[{k}]"))
+            measured = tuple(
+                o for k, entry in entries for o in self._outputs(entry, f"outputs[{k}]")
+            )
             self.mechanism = replace(self.mechanism, measured=measured)
-        return replace(self.mechanism, symbols={**self.mechanism.symbols, **self.expressions.named})
+        return replace(
+            self.mechanism, symbols={**self.mechanism.symbols, **self.expressions.named}
+        )
 
     # -- drives ----------------------------------------------------------------------------------------------------
 
     @property
     def _drives(self) -> tuple[str, ...]:
-        return tuple(actuator.name for actuator in self.mechanism.transmission.actuators)
+        return tuple(
+            actuator.name for actuator in self.mechanism.transmission.actuators
+        )
 
     def _actuators(self) -> Iterator[Actuator]:
         for name, entry in self.robot.actuators.items():
@@ -104,10 +135,14 @@ class Additions:
                     raise self.expressions.error(path, problem)
             yield Actuator(name, terms)
 
-    def _linear(self, entry: str | LinearTerms, path: str) -> tuple[tuple[str, Polynomial], ...]:
+    def _linear(
+        self, entry: str | LinearTerms, path: str
+    ) -> tuple[tuple[str, Polynomial], ...]:
         """A combination of uncoupled coordinates; an actuator's name stands for its own combination."""
         moving = {m.name: m for m in self.mechanism.free_motions}
-        single = {name: m for name, m in moving.items() if m.kind is not MotionKind.BALL}
+        single = {
+            name: m for name, m in moving.items() if m.kind is not MotionKind.BALL
+        }
         reader = CouplingReader(self.expressions, single)
         if not isinstance(entry, str):
             terms = reader.ratios(entry.terms, path)
@@ -117,13 +152,17 @@ class Additions:
                 return tuple(drives[entry].items())
             terms, offset = reader.linear(entry, path)
             if offset:
-                raise self.expressions.error(path, f"'{entry}' has a constant part; a transmission has none")
+                raise self.expressions.error(
+                    path, f"'{entry}' has a constant part; a transmission has none"
+                )
         return tuple(terms.items())
 
     def _add_rotor(self, rotor: RotorEntry, path: str) -> None:
         spin = f"{rotor.name}.spin"
         kind = "xyz".index(rotor.axis[-1])
-        motion = Motion(MotionKind.ROTATION, spin, kind, -1 if rotor.axis.startswith("-") else 1)
+        motion = Motion(
+            MotionKind.ROTATION, spin, kind, -1 if rotor.axis.startswith("-") else 1
+        )
         label = rotor.label or symbol_stem(rotor.name)
         placed = self.expressions.frame(rotor.frame, f"{path}.frame", label)
         parent, rides = self.find(rotor.on, f"{path}.on")
@@ -131,9 +170,13 @@ class Additions:
         # of a rotor that is symmetric about its axis all but the spin inertia counts to its carrier
         body = Body(rotor.name, label, parent, joint, (_SPIN[kind],))
         drives = self._linear(rotor.drives, f"{path}.drives")
-        coupling = Coupling(spin, tuple((name, linear(ratio)) for name, ratio in drives))
+        coupling = Coupling(
+            spin, tuple((name, linear(ratio)) for name, ratio in drives)
+        )
         self.mechanism = replace(
-            self.mechanism, bodies=(*self.mechanism.bodies, body), couplings=(*self.mechanism.couplings, coupling)
+            self.mechanism,
+            bodies=(*self.mechanism.bodies, body),
+            couplings=(*self.mechanism.couplings, coupling),
         )
 
     # -- effects ---------------------------------------------------------------------------------------------------
@@ -143,15 +186,25 @@ class Additions:
             path = f"effects[{index}]"
             if isinstance(entry, OwnEffect):
                 yield self._own(entry, path)
-            elif not isinstance(entry, str):  # the usual ones join when it is known what is measured
+            elif not isinstance(
+                entry, str
+            ):  # the usual ones join when it is known what is measured
                 yield from self._ready(entry, path)
 
     def _own(self, entry: OwnEffect, path: str) -> Effect:
         actions = tuple(
-            Action(action.at, self._side(action.at, action.side, f"{path}.acts[{k}].at"), action.term)
+            Action(
+                action.at,
+                self._side(action.at, action.side, f"{path}.acts[{k}].at"),
+                action.term,
+            )
             for k, action in enumerate(entry.acts)
         )
-        value = None if entry.value is None else self.expressions.real(entry.value, f"{path}.value")
+        value = (
+            None
+            if entry.value is None
+            else self.expressions.real(entry.value, f"{path}.value")
+        )
         return Effect(entry.parameter, entry.unit, actions, value)
 
     def _ready(self, entry: ReadyEffect, path: str) -> list[Effect]:
@@ -165,21 +218,42 @@ class Additions:
             side = self._side(name, entry.side, f"{path}.at")
             label = entry.label or effect_label(self.mechanism, name)
             sliding = slides(self.mechanism, name)
-            found.append(ready_made(entry.type, name, side, label, sliding=sliding, constants=entry.constants))
+            found.append(
+                ready_made(
+                    entry.type,
+                    name,
+                    side,
+                    label,
+                    sliding=sliding,
+                    constants=entry.constants,
+                )
+            )
         if entry.label is None or len(found) < 2:
             return [effect for effects in found for effect in effects]
-        return [self._shared(effects, f"{path}.label") for effects in zip(*found, strict=True)]
+        return [
+            self._shared(effects, f"{path}.label")
+            for effects in zip(*found, strict=True)
+        ]
 
     def _shared(self, effects: Sequence[Effect], path: str) -> Effect:
         """Effects of one label at several places as one, whose parameter all places share."""
         if len({effect.unit for effect in effects}) > 1:
-            raise self.expressions.error(path, "places that share a label must all rotate or all slide")
-        return replace(effects[0], actions=tuple(action for effect in effects for action in effect.actions))
+            raise self.expressions.error(
+                path, "places that share a label must all rotate or all slide"
+            )
+        return replace(
+            effects[0],
+            actions=tuple(action for effect in effects for action in effect.actions),
+        )
 
     def _side(self, at: str, stated: str | None, path: str) -> Side:
         drives = self._drives
-        joints = tuple(name for motion in self.mechanism.motions for name in motion.velocities)
-        valid = {"joint": joints, "actuator": drives}.get(stated or "", (*drives, *joints))
+        joints = tuple(
+            name for motion in self.mechanism.motions for name in motion.velocities
+        )
+        valid = {"joint": joints, "actuator": drives}.get(
+            stated or "", (*drives, *joints)
+        )
         self.expressions.check(at, valid, path, stated or "coordinate")
         return Side(stated) if stated else Side.ACTUATOR if at in drives else Side.JOINT
 
@@ -191,25 +265,41 @@ class Additions:
         if isinstance(entry, JointOutput):
             return self._plain(Side.JOINT, entry.joint, entry.name, f"{path}.joint")
         if isinstance(entry, ActuatorOutput):
-            return self._plain(Side.ACTUATOR, entry.actuator, entry.name, f"{path}.actuator")
+            return self._plain(
+                Side.ACTUATOR, entry.actuator, entry.name, f"{path}.actuator"
+            )
         terms: list[tuple[Channel, Polynomial]] = []
         for k, term in enumerate(entry.sum):
             where = f"{path}.sum[{k}]"
             side = Side.ACTUATOR if term.joint is None else Side.JOINT
             force = self._force(side, term.joint or term.actuator or "", where)
-            terms.append((force, self.expressions.polynomial(term.weight, f"{where}.weight")))
+            terms.append(
+                (force, self.expressions.polynomial(term.weight, f"{where}.weight"))
+            )
         return [Output(entry.name, entry.unit, tuple(terms))]
 
-    def _plain(self, side: Side, stated: str, name: str | None, path: str) -> list[Output]:
+    def _plain(
+        self, side: Side, stated: str, name: str | None, path: str
+    ) -> list[Output]:
         """The force at one place, or those at all places, each as an output."""
         places = self._places(side) if stated == EVERY else (stated,)
         forces = {at: self._force(side, at, path) for at in places}
-        names = {at: at if name is None else name if len(places) == 1 else f"{name}.{at}" for at in places}
-        return [plain(names[at], "N" if slides(self.mechanism, at) else "N·m", force) for at, force in forces.items()]
+        names = {
+            at: at if name is None else name if len(places) == 1 else f"{name}.{at}"
+            for at in places
+        }
+        return [
+            plain(names[at], "N" if slides(self.mechanism, at) else "N·m", force)
+            for at, force in forces.items()
+        ]
 
     def _places(self, side: Side) -> tuple[str, ...]:
         """Coordinates or actuators whose forces can be measured."""
-        return self.mechanism.independent_velocities if side is Side.JOINT else self._drives
+        return (
+            self.mechanism.independent_velocities
+            if side is Side.JOINT
+            else self._drives
+        )
 
     def _force(self, side: Side, at: str, path: str) -> Force:
         kind = "actuator" if side is Side.ACTUATOR else "joint coordinate"
@@ -219,10 +309,15 @@ class Additions:
 
     def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
         body, rides = self.find(entry.wrench, f"{path}.wrench")
-        frame = rides @ self.expressions.frame(entry.frame, f"{path}.frame", symbol_stem(entry.name or entry.wrench))
+        frame = rides @ self.expressions.frame(
+            entry.frame, f"{path}.frame", symbol_stem(entry.name or entry.wrench)
+        )
         name = entry.name or entry.wrench
         on_parent = entry.fixed_to == "parent"
-        return [wrench_output(name, component, body, frame, on_parent=on_parent) for component in entry.components]
+        return [
+            wrench_output(name, component, body, frame, on_parent=on_parent)
+            for component in entry.components
+        ]
 
     # -- loops -----------------------------------------------------------------------------------------------------
 
@@ -230,7 +325,9 @@ class Additions:
         """The mechanism with the loops that are stated, beside those that it has."""
         closures = (*self.mechanism.closures, *self._closures())
         if not closures:
-            problem = "there are no loops, so no coordinate depends on others through them"
+            problem = (
+                "there are no loops, so no coordinate depends on others through them"
+            )
             for key in ("independent", "assembly", "rounding"):
                 if key in self.robot.model_fields_set:
                     raise self.expressions.error(key, problem)
@@ -239,11 +336,19 @@ class Additions:
         prefer = (*self._driven(), *self.mechanism.independent)
         assembly = {**self.mechanism.assembly, **self._assembly()}
         symbols = {**self.mechanism.symbols, **self.expressions.named}
-        opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
+        opened = replace(
+            self.mechanism,
+            closures=closures,
+            independent=(),
+            assembly=assembly,
+            symbols=symbols,
+        )
         if self.robot.rounding is not None:
             opened = replace(opened, rounding=self._rounding(self.robot.rounding))
         elif (
-            self.expressions.snapping.options.snap_tolerance and self.robot.robot is None and not self.robot.symbols
+            self.expressions.snapping.options.snap_tolerance
+            and self.robot.robot is None
+            and not self.robot.symbols
         ):  # what has a name is as it is stated
             opened = replace(opened, rounding=rounding_of_mechanism(opened))
         from echelon.loops import close  # robots without loops load without it
@@ -256,34 +361,51 @@ class Additions:
         for index, entry in enumerate(self.robot.loops):
             path = f"loops[{index}]"
             if isinstance(entry, tuple):
-                shown = "-".join(part or BASE for part in entry)  # two frames that are held together as they are
+                shown = "-".join(
+                    part or BASE for part in entry
+                )  # two frames that are held together as they are
                 own = Frame.model_construct()
-                entry = LoopEntry.model_construct(name=shown, joint="weld", connects=entry, on_second=own)
+                entry = LoopEntry.model_construct(
+                    name=shown, joint="weld", connects=entry, on_second=own
+                )
             name = entry.name or f"loop{len(self.mechanism.closures) + index + 1}"
             if name in taken:
-                raise self.expressions.error(f"{path}.name", f"another loop has the name '{name}'")
+                raise self.expressions.error(
+                    f"{path}.name", f"another loop has the name '{name}'"
+                )
             taken.add(name)
             yield self._closure(entry, name, path)
 
     def _closure(self, entry: LoopEntry, name: str, path: str) -> Closure:
         (first, offset), (second, other) = (
-            self.find(part, f"{path}.connects[{k}]") for k, part in enumerate(entry.connects)
+            self.find(part, f"{path}.connects[{k}]")
+            for k, part in enumerate(entry.connects)
         )
         if first == second:
-            shown = " and ".join(f"'{part}'" if part else "the world" for part in entry.connects)
-            raise self.expressions.error(f"{path}.connects", f"{shown} do not move against each other")
+            shown = " and ".join(
+                f"'{part}'" if part else "the world" for part in entry.connects
+            )
+            raise self.expressions.error(
+                f"{path}.connects", f"{shown} do not move against each other"
+            )
         stem = symbol_stem(name)
         aim = self._aim(entry, path, stem)
         kind = _ALIASES.get(entry.joint) or ClosureKind(entry.joint)
         frame = offset @ self.expressions.frame(entry.at, f"{path}.at", stem) @ aim
         # what is only fixed to something that moves can have no other use than to mark a place
-        moving = {BASE, None, *(body.name for body in self.mechanism.bodies if not body.joint.is_fixed)}
+        moving = {
+            BASE,
+            None,
+            *(body.name for body in self.mechanism.bodies if not body.joint.is_fixed),
+        }
         meets = "at" not in entry.model_fields_set and moving.isdisjoint(entry.connects)
         if entry.on_second is None and not meets:
             met = self._met(kind, first, second, frame, path)
         else:
             stated = entry.at if entry.on_second is None else entry.on_second
-            met = other @ self.expressions.frame(stated, f"{path}.on_second", stem) @ aim
+            met = (
+                other @ self.expressions.frame(stated, f"{path}.on_second", stem) @ aim
+            )
         return Closure(name, kind, first, second, frame, met)
 
     def _aim(self, entry: LoopEntry, path: str, stem: str) -> Placement:
@@ -293,12 +415,23 @@ class Additions:
         direction = self.expressions.direction(entry.axis, f"{path}.axis")
         return self.expressions.snapping.aim_at(direction, f"{path}.axis", stem)
 
-    def _met(self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str) -> Placement:
+    def _met(
+        self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str
+    ) -> Placement:
         """The frame of the second body that coincides with that of the first one while all coordinates are zero."""
-        bodies, symbols = self.mechanism.bodies, {**self.mechanism.symbols, **self.expressions.named}
+        bodies, symbols = (
+            self.mechanism.bodies,
+            {**self.mechanism.symbols, **self.expressions.named},
+        )
         try:
             return second_frame(
-                kind, first, second, frame, lambda k: bodies[k].parent, lambda k: at_zero(bodies[k]), symbols
+                kind,
+                first,
+                second,
+                frame,
+                lambda k: bodies[k].parent,
+                lambda k: at_zero(bodies[k]),
+                symbols,
             )
         except ValueError as error:
             raise self.expressions.error(path, str(error)) from None
@@ -306,12 +439,16 @@ class Additions:
     def _independent(self) -> tuple[str, ...] | None:
         """The coordinates that shall be independent, if they are stated."""
         for index, name in enumerate(self.robot.independent or ()):
-            self.expressions.check(name, self.mechanism.velocities, f"independent[{index}]")
+            self.expressions.check(
+                name, self.mechanism.velocities, f"independent[{index}]"
+            )
         return self.robot.independent
 
     def _rounding(self, stated: float) -> float:
         if not 0 <= stated <= COARSEST:
-            raise self.expressions.error("rounding", f"{stated:g} is not between 0 and {COARSEST}")
+            raise self.expressions.error(
+                "rounding", f"{stated:g} is not between 0 and {COARSEST}"
+            )
         return stated
 
     def _assembly(self) -> dict[str, float]:
@@ -322,7 +459,9 @@ class Additions:
             self.expressions.check(name, self.mechanism.positions, path)
             value = self.expressions.polynomial(text, path)
             if not set(value.generators()) <= {PI, PER_PI}:
-                raise self.expressions.error(path, f"'{text}' must be a number here, without symbols")
+                raise self.expressions.error(
+                    path, f"'{text}' must be a number here, without symbols"
+                )
             found[name] = value.evaluate(pi_generators(math.pi), float)
         return found
 
@@ -331,72 +470,119 @@ class Additions:
         stated: list[str] = []
         if self.robot.robot is not None:
             for index, name in enumerate(self.robot.robot.driven):
-                several = [known for known in self.mechanism.velocities if known.startswith(f"{name}.")]
+                several = [
+                    known
+                    for known in self.mechanism.velocities
+                    if known.startswith(f"{name}.")
+                ]
                 if not several:
-                    self.expressions.check(name, self.mechanism.velocities, f"robot.driven[{index}]")
+                    self.expressions.check(
+                        name, self.mechanism.velocities, f"robot.driven[{index}]"
+                    )
                 stated += several or [name]
         for actuator, entry in self.robot.actuators.items():
             if isinstance(entry, str):
-                stated += self.expressions.parsed(entry, f"actuators.{actuator}").symbols()
+                stated += self.expressions.parsed(
+                    entry, f"actuators.{actuator}"
+                ).symbols()
             else:
                 stated += entry.terms
-        return [name for name in dict.fromkeys(stated) if name in self.mechanism.velocities]
+        return [
+            name for name in dict.fromkeys(stated) if name in self.mechanism.velocities
+        ]
 
 
 # -- beside a robot file ----------------------------------------------------------------------------------------------
 
 
 def add_to_file(
-    document: Document, robot: RobotDescription, options: ReadingOptions, base: Callable[[ReadingOptions], Built]
+    document: Document,
+    robot: RobotDescription,
+    options: ReadingOptions,
+    base: Callable[[ReadingOptions], Built],
 ) -> Built:
     """A robot file with what a description adds to it."""
     assert robot.robot is not None
     for key in ("floating_base", "couplings"):
         if key in robot.model_fields_set:
-            raise document.error(key, "belongs to the geometry, which is that of the robot file")
-    if "gravity" in robot.model_fields_set and options.gravity == "file":  # how the robot is mounted
+            raise document.error(
+                key, "belongs to the geometry, which is that of the robot file"
+            )
+    if (
+        "gravity" in robot.model_fields_set and options.gravity == "file"
+    ):  # how the robot is mounted
         options = replace(options, gravity=robot.gravity)
     joints = []
     for name, entry in robot.robot.joints.items():
-        axes = tuple(coordinate_axis(axis) for axis in (entry.axis, entry.axis2) if axis is not None)
-        joints.append(StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}")))
-    options = replace(options, separate=cut_off(robot), joints=tuple(joints), looped=bool(robot.loops))
+        axes = tuple(
+            coordinate_axis(axis)
+            for axis in (entry.axis, entry.axis2)
+            if axis is not None
+        )
+        joints.append(
+            StatedJoint(
+                name, entry.type, axes, partial(document.error, f"robot.joints.{name}")
+            )
+        )
+    options = replace(
+        options, separate=cut_off(robot), joints=tuple(joints), looped=bool(robot.loops)
+    )
     # the loops of a geometry in numbers close at these numbers only
     stated = base(replace(options, symbolic=False) if robot.loops else options)
     mechanism = stated.mechanism
     symbols, bare = declared_symbols(robot, document)
     known = {n: s for n, s in symbols.items() if n not in bare}
     expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
-    mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
-    mechanism = Additions(mechanism, robot, expressions, _FileParts(stated, mechanism, expressions)).added()
+    mechanism, notes = _labelled(
+        replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document
+    )
+    mechanism = Additions(
+        mechanism, robot, expressions, _FileParts(stated, mechanism, expressions)
+    ).added()
     stated.snapping.snaps += expressions.snapping.snaps
     driven = (*stated.driven, *robot.robot.driven)
-    return replace(stated, mechanism=mechanism, notes=(*stated.notes, *notes), driven=driven)
+    return replace(
+        stated, mechanism=mechanism, notes=(*stated.notes, *notes), driven=driven
+    )
 
 
-def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Mechanism, list[str]]:
+def _labelled(
+    mechanism: Mechanism, robot: RobotDescription, document: Document
+) -> tuple[Mechanism, list[str]]:
     """A robot file's mechanism with the labels that a description gives to its bodies, and remarks."""
     names = [body.name for body in mechanism.bodies]
     for name in robot.labels:
         if name not in names:
-            raise document.error(step_into("labels", name), f"there is no body '{name}'{nearest_of(name, names)}")
-    bodies = [replace(body, label=robot.labels.get(body.name, body.label)) for body in mechanism.bodies]
+            raise document.error(
+                step_into("labels", name),
+                f"there is no body '{name}'{nearest_of(name, names)}",
+            )
+    bodies = [
+        replace(body, label=robot.labels.get(body.name, body.label))
+        for body in mechanism.bodies
+    ]
     notes = []
     for label in dict.fromkeys(robot.labels.values()):
         sharing = [k for k, body in enumerate(bodies) if body.label == label]
         stated = [values for k in sharing if (values := bodies[k].inertial) is not None]
-        if len(set(stated)) > 1:  # files round; the mean of bodies is one that can exist
+        if (
+            len(set(stated)) > 1
+        ):  # files round; the mean of bodies is one that can exist
             mean = tuple(float(value) for value in np.mean(stated, axis=0))
             for k in sharing:
                 bodies[k] = replace(bodies[k], inertial=mean)
-            notes.append(f"bodies of label '{label}' get the mean of their stated inertial values")
+            notes.append(
+                f"bodies of label '{label}' get the mean of their stated inertial values"
+            )
     return replace(mechanism, bodies=tuple(bodies)), notes
 
 
 class _FileParts:
     """Finds bodies of a robot file, and what is fixed to them."""
 
-    def __init__(self, built: Built, mechanism: Mechanism, expressions: Expressions) -> None:
+    def __init__(
+        self, built: Built, mechanism: Mechanism, expressions: Expressions
+    ) -> None:
         self.built, self.expressions = built, expressions
         self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}
         self._joints = {body.joint.name: k for k, body in enumerate(mechanism.bodies)}
@@ -409,10 +595,17 @@ class _FileParts:
             known, own = self.expressions.snapping.symbols, self.built.snapping.symbols
             for symbol in placement.symbols():
                 if known.setdefault(symbol, own[symbol]) != own[symbol]:
-                    raise self.expressions.error(path, f"the robot file has an angle '{symbol}': rename the symbol")
+                    raise self.expressions.error(
+                        path,
+                        f"the robot file has an angle '{symbol}': rename the symbol",
+                    )
             return body, placement
-        if name != BASE and name in self._joints:  # a joint marks the frame that it moves
+        if (
+            name != BASE and name in self._joints
+        ):  # a joint marks the frame that it moves
             return self._joints[name], Placement()
         if name is not None:
-            self.expressions.check(name, [BASE, *self.names, *self.built.rides], path, "body or frame")
+            self.expressions.check(
+                name, [BASE, *self.names, *self.built.rides], path, "body or frame"
+            )
         return GROUND, Placement()

@@ -22,7 +22,9 @@ TENDON = "tendon"
 _SUPPORTED = (JOINT, TENDON, "connect", "weld")
 _SIZE = 5  # coefficients of polycoef
 _OFF = 1 << 0 | 1 << 1  # of mjtDisableBit: all constraints, or equalities
-_IGNORE = "read the model without couplings (--mimic independent, independent_mimics=True)"
+_IGNORE = (
+    "read the model without couplings (--mimic independent, independent_mimics=True)"
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,9 @@ def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
     """The active equalities of a spec, and notes; the others are deleted."""
     for flex in spec.flexes:
         raise InputError(
-            "deformable bodies are not supported, only rigid ones", source=source, element=f"flex '{flex.name}'"
+            "deformable bodies are not supported, only rigid ones",
+            source=source,
+            element=f"flex '{flex.name}'",
         )
     active, notes = [], []
     for equality in list(spec.equalities):
@@ -47,7 +51,9 @@ def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
             notes.append(f"{equality_label(equality)} is ignored: it is not active")
             spec.delete(equality)
         elif _follows_mocap(equality, spec):
-            notes.append(f"{equality_label(equality)} is ignored: it follows a body that is moved from outside (mocap)")
+            notes.append(
+                f"{equality_label(equality)} is ignored: it follows a body that is moved from outside (mocap)"
+            )
             spec.delete(equality)
         elif equality_kind(equality) not in _SUPPORTED:
             raise InputError(
@@ -63,28 +69,42 @@ def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
 def _follows_mocap(equality: Any, spec: Any) -> bool:
     on_sites = str(equality.objtype.name) == "mjOBJ_SITE"
     moved = [body for body in spec.bodies if body.mocap]
-    names = {part.name for body in moved for part in (body.sites if on_sites else [body])}
-    return equality_kind(equality) not in (JOINT, TENDON) and not names.isdisjoint((equality.name1, equality.name2))
+    names = {
+        part.name for body in moved for part in (body.sites if on_sites else [body])
+    }
+    return equality_kind(equality) not in (JOINT, TENDON) and not names.isdisjoint(
+        (equality.name1, equality.name2)
+    )
 
 
 def read_relation(equality: Any, spec: Any, source: str) -> Relation:
     """What a joint or tendon equality says."""
     where = equality_label(equality)
-    offset, *powers = (Polynomial.constant(parse_decimal(repr(float(a)))) for a in equality.data[:_SIZE])
+    offset, *powers = (
+        Polynomial.constant(parse_decimal(repr(float(a))))
+        for a in equality.data[:_SIZE]
+    )
     first, second = str(equality.name1), str(equality.name2)
     if equality_kind(equality) == JOINT:
         terms = {first: Spline((-_ONE,))}
         if second:
             terms[second] = Spline(tuple(powers))
         return Relation(where, first, terms, offset)
-    terms = {name: Spline((-coefficient,)) for name, coefficient in _joints(spec, first, source, where).items()}
+    terms = {
+        name: Spline((-coefficient,))
+        for name, coefficient in _joints(spec, first, source, where).items()
+    }
     follows = _joints(spec, second, source, where) if second else {}
     if len(follows) > 1 and any(powers[1:]):
         raise InputError(
-            f"a nonlinear function of {len(follows)} joints is not supported; {_IGNORE}", source=source, element=where
+            f"a nonlinear function of {len(follows)} joints is not supported; {_IGNORE}",
+            source=source,
+            element=where,
         )
     for name, coefficient in follows.items():
-        function, _ = Spline(tuple(powers)).after(Spline((coefficient,)), Polynomial({}))
+        function, _ = Spline(tuple(powers)).after(
+            Spline((coefficient,)), Polynomial({})
+        )
         terms[name] = terms.get(name, Spline(())) + function
     return Relation(where, "", terms, offset)
 
@@ -93,7 +113,11 @@ def _joints(spec: Any, tendon: str, source: str, where: str) -> dict[str, Polyno
     """Coefficients of the joints of a fixed tendon."""
     path = getattr(next(t for t in spec.tendons if t.name == tendon), "path", None)
     if path is None:
-        raise InputError("tendons need a newer version of the package mujoco", source=source, element=where)
+        raise InputError(
+            "tendons need a newer version of the package mujoco",
+            source=source,
+            element=where,
+        )
     found: dict[str, Polynomial] = {}
     for part in path:
         if part.type.name != "mjWRAP_JOINT":
@@ -123,25 +147,51 @@ def resolve(
 
     known: dict[str, StatedCoupling] = {}
     notes: list[str] = []
-    order = sorted(reference, key=lambda name: name not in driven)  # what shall follow, last
+    order = sorted(
+        reference, key=lambda name: name not in driven
+    )  # what shall follow, last
     for relation in sorted(relations, key=lambda relation: not relation.dependent):
-        whole = substituted(StatedCoupling(relation.element, "", relation.terms, relation.constant), known, error)
+        whole = substituted(
+            StatedCoupling(relation.element, "", relation.terms, relation.constant),
+            known,
+            error,
+        )
         left = Relation(relation.element, "", whole.terms, whole.offset)
-        free = [name for name, function in left.terms.items() if function.ratio is not None]
+        free = [
+            name for name, function in left.terms.items() if function.ratio is not None
+        ]
         if free:
-            bent = {n for other in known.values() for n, function in other.terms.items() if function.ratio is None}
-            last = max(free, key=lambda name: (name not in bent, name in sliding, order.index(name)))
-            as_stated = relation.dependent in free and (relation.dependent in sliding or last not in sliding)
+            bent = {
+                n
+                for other in known.values()
+                for n, function in other.terms.items()
+                if function.ratio is None
+            }
+            last = max(
+                free,
+                key=lambda name: (name not in bent, name in sliding, order.index(name)),
+            )
+            as_stated = relation.dependent in free and (
+                relation.dependent in sliding or last not in sliding
+            )
             wanted = relation.dependent if as_stated else last
             coupling = _solved(left, wanted)
-            for name in [name for name, other in known.items() if wanted in other.terms]:
+            for name in [
+                name for name, other in known.items() if wanted in other.terms
+            ]:
                 known[name] = substituted(known[name], {wanted: coupling}, error)
             known[wanted] = coupling
         elif left.terms:
             bent_only = f"it holds nonlinear functions of {', '.join(left.terms)} only"
-            raise error(relation.element, f"it cannot be solved for one of its joints: {bent_only}; {_IGNORE}")
+            raise error(
+                relation.element,
+                f"it cannot be solved for one of its joints: {bent_only}; {_IGNORE}",
+            )
         elif left.constant:
-            raise error(relation.element, f"it contradicts the other equalities by {float(_number(left.constant)):.3g}")
+            raise error(
+                relation.element,
+                f"it contradicts the other equalities by {float(_number(left.constant)):.3g}",
+            )
         else:
             notes.append(f"{relation.element} follows from the other equalities")
     held = {c.coordinate: _number(c.offset) for c in known.values() if not c.terms}
@@ -153,16 +203,24 @@ def _solved(relation: Relation, joint: str) -> StatedCoupling:
     ratio = relation.terms[joint].ratio
     assert ratio is not None
     factor = -Polynomial.constant(inverse(_number(ratio)))
-    others = {n: f.mapped(lambda c: c * factor) for n, f in relation.terms.items() if n != joint}
+    others = {
+        n: f.mapped(lambda c: c * factor)
+        for n, f in relation.terms.items()
+        if n != joint
+    }
     return StatedCoupling(relation.element, joint, others, relation.constant * factor)
 
 
-def _counted(coupling: StatedCoupling, reference: Mapping[str, Rational]) -> StatedCoupling:
+def _counted(
+    coupling: StatedCoupling, reference: Mapping[str, Rational]
+) -> StatedCoupling:
     """A coupling of displacements as one of positions, which count from the reference positions."""
     offset = coupling.offset + reference[coupling.coordinate]
     terms: dict[str, Spline] = {}
     for name, function in coupling.terms.items():
-        terms[name], constant = function.after(Spline((_ONE,)), Polynomial.constant(-reference[name]))
+        terms[name], constant = function.after(
+            Spline((_ONE,)), Polynomial.constant(-reference[name])
+        )
         offset = offset + constant
     return StatedCoupling(coupling.element, coupling.coordinate, terms, offset)
 
@@ -183,5 +241,7 @@ def equality_kind(equality: Any) -> str:
 
 def equality_label(equality: Any) -> str:
     """Name of a constraint for messages, by what it connects if it has none."""
-    name = equality.name or " and ".join(n for n in (equality.name1, equality.name2) if n)
+    name = equality.name or " and ".join(
+        n for n in (equality.name1, equality.name2) if n
+    )
     return f"equality {equality_kind(equality)} '{name}'"

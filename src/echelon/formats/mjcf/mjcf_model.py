@@ -30,8 +30,29 @@ from echelon.hints import in_quotes, unused
 from echelon.inputs import INCLUDES, parse_xml, read_content
 
 _NUMERIC = {
-    *("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "axis", "ref", "polycoef", "gravity"),
-    *("mass", "density", "diaginertia", "fullinertia", "fromto", "size", "offset", "scale", "massscale"),
+    *(
+        "pos",
+        "quat",
+        "axisangle",
+        "xyaxes",
+        "zaxis",
+        "euler",
+        "axis",
+        "ref",
+        "polycoef",
+        "gravity",
+    ),
+    *(
+        "mass",
+        "density",
+        "diaginertia",
+        "fullinertia",
+        "fromto",
+        "size",
+        "offset",
+        "scale",
+        "massscale",
+    ),
 }
 _MULTIPLYING = ("replicate", "composite", "flexcomp")
 _MOST_COPIES = 10_000
@@ -46,10 +67,17 @@ class MjcfDocument:
     source: str
     directory: Path | None
     included: Mapping[str, bytes]
-    missing: tuple[str, ...]  # files that are not there; the text does not include them any more
+    missing: tuple[
+        str, ...
+    ]  # files that are not there; the text does not include them any more
 
 
-def checked_mjcf(text: str | bytes, source: str, directory: Path | None, ignored: Collection[str] = ()) -> MjcfDocument:
+def checked_mjcf(
+    text: str | bytes,
+    source: str,
+    directory: Path | None,
+    ignored: Collection[str] = (),
+) -> MjcfDocument:
     """A document that is harmless; includes of missing files are left out, unless they would define parts of bodies.
 
     Elements and attributes that are to be ignored are taken out of the document itself, not of what it includes.
@@ -59,9 +87,14 @@ def checked_mjcf(text: str | bytes, source: str, directory: Path | None, ignored
         root = without(root, ignored, source)
         text = bytes(tostring(root, encoding="utf-8"))
     if root.tag == "mujocoinclude":
-        raise InputError("this is a fragment, not a model: read the file that includes it", source=source)
+        raise InputError(
+            "this is a fragment, not a model: read the file that includes it",
+            source=source,
+        )
     if root.tag != "mujoco":
-        raise InputError(f"expected a <mujoco> element, found <{root.tag}>", source=source)
+        raise InputError(
+            f"expected a <mujoco> element, found <{root.tag}>", source=source
+        )
     try:
         decoded = text.decode("utf-8-sig") if isinstance(text, bytes) else text
     except UnicodeDecodeError:
@@ -72,7 +105,11 @@ def checked_mjcf(text: str | bytes, source: str, directory: Path | None, ignored
     missing = tuple(name for name, content in included.items() if not content)
     if missing:
         decoded = _without(root, missing).decode()
-        present = {name: parse_xml(content, name) for name, content in included.items() if name not in missing}
+        present = {
+            name: parse_xml(content, name)
+            for name, content in included.items()
+            if name not in missing
+        }
         included = {name: _without(child, missing) for name, child in present.items()}
     return MjcfDocument(decoded, source, directory, included, missing)
 
@@ -80,13 +117,20 @@ def checked_mjcf(text: str | bytes, source: str, directory: Path | None, ignored
 def _without(root: Any, missing: Collection[str]) -> bytes:
     """A document without includes of missing files; for MuJoCo an empty file will not do."""
     for element in list(root.iter()):
-        for child in [c for c in element if c.tag == "include" and c.get("file") in missing]:
+        for child in [
+            c for c in element if c.tag == "include" and c.get("file") in missing
+        ]:
             element.remove(child)
     return bytes(tostring(root, encoding="utf-8"))
 
 
 def _gather(
-    root: Any, source: str, directory: Path | None, folder: PurePath, included: dict[str, bytes], inside: bool = False
+    root: Any,
+    source: str,
+    directory: Path | None,
+    folder: PurePath,
+    included: dict[str, bytes],
+    inside: bool = False,
 ) -> None:
     """Read and check the files that a document includes or attaches, and those that these include."""
     in_bodies = {id(e) for tree in root.iter("worldbody") for e in tree.iter("include")}
@@ -97,13 +141,25 @@ def _gather(
         where = f"{element.tag} '{name}'"
         needed = inside or element.tag == "model" or id(element) in in_bodies
         if directory is None and needed:
-            raise InputError("the model has no directory to find this file in", source=source, element=where)
+            raise InputError(
+                "the model has no directory to find this file in",
+                source=source,
+                element=where,
+            )
         # MuJoCo looks beside the main file first, then beside the including one
         places = (PurePath(name), folder / name)
-        found = None if directory is None else next((p for p in places if (directory / p).is_file()), None)
+        found = (
+            None
+            if directory is None
+            else next((p for p in places if (directory / p).is_file()), None)
+        )
         if directory is None or found is None:
             if needed:
-                raise InputError("no such file, and it is part of the bodies", source=source, element=where)
+                raise InputError(
+                    "no such file, and it is part of the bodies",
+                    source=source,
+                    element=where,
+                )
             included[name] = b""
             continue
         included[name] = read_content(directory / found)
@@ -124,12 +180,18 @@ def _check(root: Any, source: str) -> None:
                     continue  # MuJoCo reports it, with the line
                 if not finite:
                     where = f"{element.tag} '{element.get('name', '')}' {name}"
-                    raise InputError(f"'{word}' is not a finite number", source=source, element=where)
+                    raise InputError(
+                        f"'{word}' is not a finite number", source=source, element=where
+                    )
     pending = [(root, 1)]
     while pending:
         element, copies = pending.pop()
         if element.tag in _MULTIPLYING:
-            copies *= prod(int(word) for word in element.get("count", "1").split() if is_whole(word))
+            copies *= prod(
+                int(word)
+                for word in element.get("count", "1").split()
+                if is_whole(word)
+            )
             if copies > _MOST_COPIES:
                 problem = f"{copies} copies are too many; {_MOST_COPIES} are allowed"
                 raise InputError(problem, source=source, element=element.tag)
@@ -140,7 +202,16 @@ NO_MASS = 2e-15
 """Mass (kg) and inertia (kg·m²) given to moving bodies that have none; MuJoCo's compiler asks for at least 1e-15."""
 
 # None of these moves a body or changes its inertia; equalities, which do matter, are kept.
-IRRELEVANT = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples")
+IRRELEVANT = (
+    "keys",
+    "sensors",
+    "actuators",
+    "tendons",
+    "pairs",
+    "excludes",
+    "skins",
+    "tuples",
+)
 _EFFECTS = ("armature", "damping", "frictionloss", "stiffness")
 _COMPILED = (
     *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
@@ -154,7 +225,9 @@ class CompiledModel:
 
     model: Any  # bodies and joints all have names
     spec: Any  # the same before compilation, with the numbers as written
-    unknown: frozenset[str]  # bodies whose inertia would come from meshes that are not there
+    unknown: frozenset[
+        str
+    ]  # bodies whose inertia would come from meshes that are not there
     notes: tuple[str, ...]
 
 
@@ -183,12 +256,16 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
     notes = _effect_notes(spec)
     keep_bodies(spec)
     if _keep_frames(spec, mujoco):
-        notes.append("free bodies keep the frames of the file: the alignment that it asks for is ignored")
+        notes.append(
+            "free bodies keep the frames of the file: the alignment that it asks for is ignored"
+        )
     name_all("body", spec.bodies)
     name_all("joint", spec.joints)
     _remove_irrelevant(spec)
     defined = {mesh_name(mesh) for mesh in spec.meshes}
-    undefined = {geom.meshname for geom in spec.geoms if geom.meshname and document.missing} - defined
+    undefined = {
+        geom.meshname for geom in spec.geoms if geom.meshname and document.missing
+    } - defined
     absent = absent_meshes(spec, directory) | undefined
     stages = [absent] if directory is None or undefined else [set(), absent]
     unknown: set[str] = set()
@@ -201,17 +278,26 @@ def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
             failure = error
     else:
         raise refusal(failure, document.source)
-    if unknown and spec.compiler.settotalmass > 0:  # then the share of every other body is unknown as well
+    if (
+        unknown and spec.compiler.settotalmass > 0
+    ):  # then the share of every other body is unknown as well
         unknown = {body.name for body in spec.bodies}
     if unknown:
-        notes.append(f"inertias of {_bodies(unknown)} are unknown: they come from meshes that cannot be read")
+        notes.append(
+            f"inertias of {_bodies(unknown)} are unknown: they come from meshes that cannot be read"
+        )
     for name in _COMPILED:
         if not np.all(np.isfinite(getattr(model, name))):
-            raise InputError(f"the compiled model has infinite values in {name}", source=document.source)
+            raise InputError(
+                f"the compiled model has infinite values in {name}",
+                source=document.source,
+            )
     notes += tiny_notes(_without_tiny(model))
     inferred = _inferred(spec, model) - unknown
     if inferred:
-        notes.append(f"inertias of {_bodies(inferred)} are computed from their geoms: the file does not state them")
+        notes.append(
+            f"inertias of {_bodies(inferred)} are computed from their geoms: the file does not state them"
+        )
     return CompiledModel(model, spec, frozenset(unknown), tuple(notes))
 
 
@@ -236,37 +322,76 @@ def _bodies(names: Collection[str]) -> str:
 def refusal(error: Exception, source: str) -> InputError:
     """MuJoCo's message as an input error that names the element."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    problem = re.sub(r"^((XML )?Error: )+", "", lines[0] if lines else "no reason given")
+    problem = re.sub(
+        r"^((XML )?Error: )+", "", lines[0] if lines else "no reason given"
+    )
     rest = " ".join(lines[1:])
-    place = re.search(r"Element (?:name )?'(?P<name>[^']*)'(?:, id \d+)?(?:, line (?P<line>\d+))?", rest)
+    place = re.search(
+        r"Element (?:name )?'(?P<name>[^']*)'(?:, id \d+)?(?:, line (?P<line>\d+))?",
+        rest,
+    )
     if place is None:
-        return InputError(" ".join([f"MuJoCo refuses the model: {problem}", *lines[1:]]), source=source)
-    parts = [f"element '{place['name']}'" if place["name"] else "", f"line {place['line']}" if place["line"] else ""]
-    return InputError(f"MuJoCo refuses it: {problem}", source=source, element=", ".join(p for p in parts if p))
+        return InputError(
+            " ".join([f"MuJoCo refuses the model: {problem}", *lines[1:]]),
+            source=source,
+        )
+    parts = [
+        f"element '{place['name']}'" if place["name"] else "",
+        f"line {place['line']}" if place["line"] else "",
+    ]
+    return InputError(
+        f"MuJoCo refuses it: {problem}",
+        source=source,
+        element=", ".join(p for p in parts if p),
+    )
 
 
 # -- preparation -------------------------------------------------------------------------------------------------------
 
 
 def _effect_notes(spec: Any) -> list[str]:
-    found = [f"joint {name}" for name in _EFFECTS if any(np.any(getattr(joint, name)) for joint in spec.joints)]
-    found += ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
-    acts = any(np.any(getattr(tendon, name, 0)) for tendon in spec.tendons for name in _EFFECTS)
+    found = [
+        f"joint {name}"
+        for name in _EFFECTS
+        if any(np.any(getattr(joint, name)) for joint in spec.joints)
+    ]
+    found += (
+        ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
+    )
+    acts = any(
+        np.any(getattr(tendon, name, 0)) for tendon in spec.tendons for name in _EFFECTS
+    )
     found += ["forces of tendons"] if acts else []
-    found += ["limits of tendons"] if any(_is_limited(tendon) for tendon in spec.tendons) else []
+    found += (
+        ["limits of tendons"]
+        if any(_is_limited(tendon) for tendon in spec.tendons)
+        else []
+    )
     found += ["drag of a fluid"] if spec.option.density or spec.option.viscosity else []
-    found += ["forces of plugins"] if any(body.plugin.active for body in spec.bodies) else []
-    joints = {import_mujoco().mjtTrn.mjTRN_JOINT, import_mujoco().mjtTrn.mjTRN_JOINTINPARENT}
+    found += (
+        ["forces of plugins"] if any(body.plugin.active for body in spec.bodies) else []
+    )
+    joints = {
+        import_mujoco().mjtTrn.mjTRN_JOINT,
+        import_mujoco().mjtTrn.mjTRN_JOINTINPARENT,
+    }
     if any(actuator.trntype not in joints for actuator in spec.actuators):
         found.append("actuators that act through tendons, sites or bodies")
-    return [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"] if found else []
+    return (
+        [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"]
+        if found
+        else []
+    )
 
 
 def _is_limited(tendon: Any) -> bool:
     """Whether a tendon stops somewhere; where nothing says so, a range does."""
     limited = import_mujoco().mjtLimited
     low, high = tendon.range
-    return bool(tendon.limited == limited.mjLIMITED_TRUE or (tendon.limited == limited.mjLIMITED_AUTO and low < high))
+    return bool(
+        tendon.limited == limited.mjLIMITED_TRUE
+        or (tendon.limited == limited.mjLIMITED_AUTO and low < high)
+    )
 
 
 def keep_bodies(spec: Any) -> None:
@@ -274,16 +399,25 @@ def keep_bodies(spec: Any) -> None:
     compiler = spec.compiler
     always = import_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     # here fused bodies have other inertias: stated ones give way to geoms of others, static ones do not count
-    compiler.fusestatic &= compiler.settotalmass > 0 or compiler.inertiafromgeom == always
+    compiler.fusestatic &= (
+        compiler.settotalmass > 0 or compiler.inertiafromgeom == always
+    )
     compiler.discardvisual = False
-    compiler.boundmass, compiler.boundinertia = max(compiler.boundmass, NO_MASS), max(compiler.boundinertia, NO_MASS)
+    compiler.boundmass, compiler.boundinertia = (
+        max(compiler.boundmass, NO_MASS),
+        max(compiler.boundinertia, NO_MASS),
+    )
 
 
 def _keep_frames(spec: Any, mujoco: Any) -> bool:
     """Have free bodies keep the frames of the file; whether their joints were to change them."""
     compiler, aligned = spec.compiler, mujoco.mjtAlignFree
     free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
-    asked = (aligned.mjALIGNFREE_TRUE, aligned.mjALIGNFREE_AUTO) if compiler.alignfree else (aligned.mjALIGNFREE_TRUE,)
+    asked = (
+        (aligned.mjALIGNFREE_TRUE, aligned.mjALIGNFREE_AUTO)
+        if compiler.alignfree
+        else (aligned.mjALIGNFREE_TRUE,)
+    )
     changed = any(joint.align in asked for joint in free)
     for joint in free:
         joint.align = aligned.mjALIGNFREE_FALSE
@@ -316,9 +450,15 @@ def remove_unused(spec: Any) -> None:
 
 def _remove_irrelevant(spec: Any) -> None:
     remove_groups(spec, IRRELEVANT)
-    for equality in [e for e in spec.equalities if e.type == import_mujoco().mjtEq.mjEQ_TENDON]:
+    for equality in [
+        e for e in spec.equalities if e.type == import_mujoco().mjtEq.mjEQ_TENDON
+    ]:
         spec.delete(equality)
-    for geom in [g for g in spec.geoms if g.hfieldname or (g.meshname and not _contributes(spec, g))]:
+    for geom in [
+        g
+        for g in spec.geoms
+        if g.hfieldname or (g.meshname and not _contributes(spec, g))
+    ]:
         spec.delete(geom)
     for element in (*spec.geoms, *spec.sites):
         element.material = ""
@@ -329,9 +469,15 @@ def _contributes(spec: Any, geom: Any) -> bool:
     """Whether the body's inertia may come from this geom."""
     mujoco = import_mujoco()
     rule = spec.compiler.inertiafromgeom
-    if rule == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE or geom.parent.name == "world":
+    if (
+        rule == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        or geom.parent.name == "world"
+    ):
         return False
-    if rule == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO and geom.parent.explicitinertial:
+    if (
+        rule == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        and geom.parent.explicitinertial
+    ):
         return False
     first, last = spec.compiler.inertiagrouprange
     weight = geom.density if isnan(geom.mass) else geom.mass
@@ -340,7 +486,10 @@ def _contributes(spec: Any, geom: Any) -> bool:
 
 def _inferred(spec: Any, model: Any) -> set[str]:
     """Names of the bodies whose inertias come from geoms."""
-    always = spec.compiler.inertiafromgeom == import_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    always = (
+        spec.compiler.inertiafromgeom
+        == import_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    )
     shaped = {geom.parent.name for geom in spec.geoms if _contributes(spec, geom)}
     heavy = {b.name for b in spec.bodies if always or not b.explicitinertial} & shaped
     return {name for name in heavy if float(model.body(name).mass[0]) > 2 * NO_MASS}
@@ -350,13 +499,23 @@ def absent_meshes(spec: Any, directory: Path | None) -> set[str]:
     """Names of meshes whose files are not there."""
     folder = None if directory is None else directory / spec.meshdir
     strip = spec.strippath
-    files = {mesh_name(m): PurePath(m.file).name if strip else m.file for m in spec.meshes if m.file}
-    return {name for name, file in files.items() if folder is None or not (folder / file).is_file()}
+    files = {
+        mesh_name(m): PurePath(m.file).name if strip else m.file
+        for m in spec.meshes
+        if m.file
+    }
+    return {
+        name
+        for name, file in files.items()
+        if folder is None or not (folder / file).is_file()
+    }
 
 
 def mesh_name(mesh: Any) -> str:
     """The name by which geoms refer to a mesh."""
-    return str(mesh.name) or PurePath(mesh.file).stem  # older versions find the latter only while compiling
+    return (
+        str(mesh.name) or PurePath(mesh.file).stem
+    )  # older versions find the latter only while compiling
 
 
 def _remove_meshes(spec: Any, doomed: Collection[str]) -> set[str]:

@@ -36,22 +36,33 @@ def quaternion_matrix(quaternion: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return rotation_of(q / np.linalg.norm(q))
 
 
-def placements(element: str, xyz: Triple, quaternion: npt.ArrayLike) -> tuple[LiteralPlacement, ...]:
+def placements(
+    element: str, xyz: Triple, quaternion: npt.ArrayLike
+) -> tuple[LiteralPlacement, ...]:
     """A pose as placements whose angles, where they are nearly multiples of 15°, are all seen to be."""
     return placements_of(element, xyz, quaternion_matrix(quaternion))
 
 
-def placements_of(element: str, xyz: Triple, matrix: npt.NDArray[np.float64]) -> tuple[LiteralPlacement, ...]:
+def placements_of(
+    element: str, xyz: Triple, matrix: npt.NDArray[np.float64]
+) -> tuple[LiteralPlacement, ...]:
     """Placements of a translation and a rotation matrix."""
     # with a pitch of nearly ±90° a rounded quaternion has arbitrary roll and yaw, and only their sum or difference
     # means anything.  Then the first placement has roll 0 and pitch ±90° exactly, and a second one, of three small
     # angles, the remainder
     if hypot(matrix[0, 0], matrix[1, 0]) >= _LOCK:
         return (LiteralPlacement(element, xyz, _rpy(matrix)),)
-    pitch, yaw = (pi / 2 if matrix[2, 0] < 0 else -pi / 2), atan2(-matrix[0, 1], matrix[1, 1])
+    pitch, yaw = (
+        (pi / 2 if matrix[2, 0] < 0 else -pi / 2),
+        atan2(-matrix[0, 1], matrix[1, 1]),
+    )
     locked = LiteralPlacement(element, xyz, (0, exact_angle(pitch), exact_angle(yaw)))
     remainder = _rpy(rotation_matrix(0.0, pitch, float(locked.rpy[2])).T @ matrix)
-    return (locked, LiteralPlacement(f"{element} remainder", (0, 0, 0), remainder)) if any(remainder) else (locked,)
+    return (
+        (locked, LiteralPlacement(f"{element} remainder", (0, 0, 0), remainder))
+        if any(remainder)
+        else (locked,)
+    )
 
 
 def _rpy(matrix: npt.NDArray[np.float64]) -> Triple:
@@ -60,7 +71,11 @@ def _rpy(matrix: npt.NDArray[np.float64]) -> Triple:
 
 
 def displaced(
-    where: str, kind: str, axis: Triple, displacement: Rational, motion: tuple[LiteralMotion, ...]
+    where: str,
+    kind: str,
+    axis: Triple,
+    displacement: Rational,
+    motion: tuple[LiteralMotion, ...],
 ) -> Iterator[LiteralStep]:
     """A constant displacement and then a motion along or about one axis, which becomes z meanwhile."""
     # so both have exactly the same direction, however the angles of the axis are read
@@ -72,7 +87,11 @@ def displaced(
     yield from (_turn(f"{where} axis", k, angle) for k, angle in turns)
     along: Triple = (0, 0, displacement)
     element = f"{where} ref"
-    yield LiteralPlacement(element, rpy=along) if kind == "hinge" else LiteralPlacement(element, along)
+    yield (
+        LiteralPlacement(element, rpy=along)
+        if kind == "hinge"
+        else LiteralPlacement(element, along)
+    )
     yield from (replace(m, axis=(0, 0, 1)) for m in motion)
     yield from (_turn(f"{where} axis", k, -angle) for k, angle in reversed(turns))
 
@@ -104,13 +123,18 @@ def exact_angle(value: float) -> Rational:
     return exact_number(nearest if abs(value - nearest) <= _NOISE else value)
 
 
-def exact_triple(vector: npt.NDArray[np.float64], written: npt.NDArray[np.float64] | None = None) -> Triple:
+def exact_triple(
+    vector: npt.NDArray[np.float64], written: npt.NDArray[np.float64] | None = None
+) -> Triple:
     """Exact numbers of a vector; one that is not as written was computed and keeps 15 digits of its largest entry."""
     largest = float(np.max(np.abs(vector)))
     if written is None or np.array_equal(vector, written) or not largest:
         x, y, z = (exact_number(v) for v in vector)
     else:
-        x, y, z = (exact_number(round(float(v), _DIGITS - 1 - floor(log10(largest)))) for v in vector)
+        x, y, z = (
+            exact_number(round(float(v), _DIGITS - 1 - floor(log10(largest))))
+            for v in vector
+        )
     return x, y, z
 
 

@@ -86,28 +86,61 @@ def read_mjcf(document: MjcfDocument, *, mimics: bool = True) -> LiteralTree:
     names = ", ".join(f"'{name}'" for name in document.missing)
     try:
         tree = _read(document, mimics)
-        if not any(isinstance(step, LiteralMotion) for link in tree.links for step in link.steps):
+        if not any(
+            isinstance(step, LiteralMotion)
+            for link in tree.links
+            for step in link.steps
+        ):
             raise InputError("nothing moves", source=document.source)
     except InputError as error:
         problem = f"{error.problem}; included files are missing: {names}"
         raise InputError(problem, source=error.source, element=error.element) from None
-    return replace(tree, notes=(f"included files are missing, read without what they define: {names}", *tree.notes))
+    return replace(
+        tree,
+        notes=(
+            f"included files are missing, read without what they define: {names}",
+            *tree.notes,
+        ),
+    )
 
 
 def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
     spec, source = parse_spec(document), document.source
     equalities, notes = take_equalities(spec, source)
-    couples = [equality for equality in equalities if equality_kind(equality) in (JOINT, TENDON)]
-    relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
-    relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
+    couples = [
+        equality
+        for equality in equalities
+        if equality_kind(equality) in (JOINT, TENDON)
+    ]
+    relations = [
+        read_relation(e, spec, source)
+        for e in couples
+        if mimics or (e.name1 and not e.name2)
+    ]
+    relations = [
+        relation for relation in relations if mimics or len(relation.terms) == 1
+    ]
     name_all("joint", spec.joints)
-    driven = tuple(dict.fromkeys(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator)))
-    drives, keyframes = stated_drives(spec), {str(k.name) or str(n): list(k.qpos) for n, k in enumerate(spec.keys)}
+    driven = tuple(
+        dict.fromkeys(
+            str(actuator.target)
+            for actuator in spec.actuators
+            if drives_joint(actuator)
+        )
+    )
+    drives, keyframes = (
+        stated_drives(spec),
+        {str(k.name) or str(n): list(k.qpos) for n, k in enumerate(spec.keys)},
+    )
     sensors = Sensors(spec)
     reader = _Reader(compile_spec(spec, document), source)
     loops = [equality for equality in equalities if equality not in couples]
-    sliding = [str(j.name) for j in spec.joints if loops and _KINDS[int(j.type)] == "slide"]
-    held, couplings, found = resolve(relations, reader.reference, driven, source, sliding)
+    sliding = [
+        str(j.name) for j in spec.joints if loops and _KINDS[int(j.type)] == "slide"
+    ]
+    held, couplings, found = resolve(
+        relations, reader.reference, driven, source, sliding
+    )
     notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
     model = reader.model
@@ -128,8 +161,16 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
         drives=drives,
         has_mimics=bool(couplings) or len(relations) < len(couples),
         sensors=measured,
-        frames=tuple(LiteralFrame(s.name, *site_frame(model, s, "frame")) for s in spec.sites if s.name),
-        turned=tuple(exact_number(v) for part in (*spec.bodies, *spec.joints) for v in _direction(part)),
+        frames=tuple(
+            LiteralFrame(s.name, *site_frame(model, s, "frame"))
+            for s in spec.sites
+            if s.name
+        ),
+        turned=tuple(
+            exact_number(v)
+            for part in (*spec.bodies, *spec.joints)
+            for v in _direction(part)
+        ),
         placed=tuple(exact_number(v) for point in _points(spec, loops) for v in point),
     )
 
@@ -164,9 +205,17 @@ class _Reader:
     def _reference(self, joint: int) -> Rational:
         value = float(self.model.qpos0[self.model.jnt_qposadr[joint]])
         try:
-            return exact_angle(value) if self._kind(joint) == "hinge" else exact_number(value)
+            return (
+                exact_angle(value)
+                if self._kind(joint) == "hinge"
+                else exact_number(value)
+            )
         except InputError as error:
-            raise InputError(error.problem, source=self.source, element=f"joint '{self._name(joint)}' ref") from None
+            raise InputError(
+                error.problem,
+                source=self.source,
+                element=f"joint '{self._name(joint)}' ref",
+            ) from None
 
     def _kind(self, joint: int) -> str:
         return _KINDS[int(self.model.jnt_type[joint])]
@@ -184,9 +233,15 @@ class _Reader:
         try:
             return self._moving_link(index, name, held)
         except InputError as error:
-            raise InputError(error.problem, source=self.source, element=error.element or f"body '{name}'") from None
+            raise InputError(
+                error.problem,
+                source=self.source,
+                element=error.element or f"body '{name}'",
+            ) from None
 
-    def _moving_link(self, index: int, name: str, held: Mapping[str, Rational]) -> LiteralLink:
+    def _moving_link(
+        self, index: int, name: str, held: Mapping[str, Rational]
+    ) -> LiteralLink:
         first = int(self.model.body_jntadr[index])
         joints = range(first, first + int(self.model.body_jntnum[index]))
         moving = [j for j in joints if self._name(j) not in held]
@@ -204,9 +259,16 @@ class _Reader:
         xyz = exact_triple(self.model.body_pos[index], self.bodies[name].pos)
         return placements(f"body '{name}'", xyz, self.model.body_quat[index])
 
-    def _steps(self, index: int, name: str, joints: range, held: Mapping[str, Rational]) -> Iterator[LiteralStep]:
-        if any(self._kind(j) == "free" for j in joints):  # its position is the whole pose: body_pos does not count
-            yield from (LiteralMotion(f"joint '{self._name(j)}'", self._name(j), "floating") for j in joints)
+    def _steps(
+        self, index: int, name: str, joints: range, held: Mapping[str, Rational]
+    ) -> Iterator[LiteralStep]:
+        if any(
+            self._kind(j) == "free" for j in joints
+        ):  # its position is the whole pose: body_pos does not count
+            yield from (
+                LiteralMotion(f"joint '{self._name(j)}'", self._name(j), "floating")
+                for j in joints
+            )
             return
         yield from self._rest(index, name)
         for joint in joints:
@@ -215,28 +277,37 @@ class _Reader:
     def _joint(self, joint: int, held: Mapping[str, Rational]) -> Iterator[LiteralStep]:
         name, kind = self._name(joint), self._kind(joint)
         x, y, z = exact_triple(self.model.jnt_pos[joint], self.joints[name].pos)
-        if kind == "slide" or not (x or y or z):  # where a straight line is anchored makes no difference
+        if kind == "slide" or not (
+            x or y or z
+        ):  # where a straight line is anchored makes no difference
             yield from self._freedom(joint, name, kind, held)
             return
         yield LiteralPlacement(f"joint '{name}' anchor", (x, y, z))
         yield from self._freedom(joint, name, kind, held)
         yield LiteralPlacement(f"joint '{name}' anchor", (-x, -y, -z))
 
-    def _freedom(self, joint: int, name: str, kind: str, held: Mapping[str, Rational]) -> Iterator[LiteralStep]:
+    def _freedom(
+        self, joint: int, name: str, kind: str, held: Mapping[str, Rational]
+    ) -> Iterator[LiteralStep]:
         where = f"joint '{name}'"
         if kind == "ball":
             yield LiteralMotion(where, name, MotionKind.BALL)
             return
         axis = cleaned(self.model.jnt_axis[joint])
         displacement = held.get(name, -self.reference[name])
-        motion = () if name in held else (LiteralMotion(where, name, _SINGLE[kind], axis),)
+        motion = (
+            () if name in held else (LiteralMotion(where, name, _SINGLE[kind], axis),)
+        )
         if not displacement:
             yield from motion
             return
         yield from displaced(where, kind, axis, displacement, motion)
 
     def _inertial(self, index: int, name: str) -> tuple[float, ...] | None:
-        mass, moments = float(self.model.body_mass[index]), np.array(self.model.body_inertia[index])
+        mass, moments = (
+            float(self.model.body_mass[index]),
+            np.array(self.model.body_inertia[index]),
+        )
         stated = self.bodies[name].explicitinertial or mass > _SOME_MASS
         if not stated or name in self.compiled.unknown:
             return None
@@ -245,7 +316,9 @@ class _Reader:
         rotation = quaternion_matrix(self.model.body_iquat[index])
         centre = [float(v) for v in exact_triple(self.model.body_ipos[index])]
         xx, yy, zz = moments.tolist()
-        return central_inertial(float(exact_number(mass)), centre, (xx, 0.0, 0.0, yy, 0.0, zz), rotation)
+        return central_inertial(
+            float(exact_number(mass)), centre, (xx, 0.0, 0.0, yy, 0.0, zz), rotation
+        )
 
 
 _WRENCHES = {"mjSENS_FORCE": False, "mjSENS_TORQUE": True}
@@ -258,8 +331,14 @@ class Sensors:
         self.notes: list[str] = []
         self._sites = {site.name: site for site in spec.sites}
         self._drives = {actuator.name: actuator for actuator in spec.actuators}
-        self._driven = Counter(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator))
-        self._single = {joint.name for joint in spec.joints if _KINDS[int(joint.type)] in _SINGLE}
+        self._driven = Counter(
+            str(actuator.target)
+            for actuator in spec.actuators
+            if drives_joint(actuator)
+        )
+        self._single = {
+            joint.name for joint in spec.joints if _KINDS[int(joint.type)] in _SINGLE
+        }
         self._wrenches: list[tuple[str, str, Any, bool]] = []
         self._efforts: list[LiteralEffort] = []
         self._taken: set[str] = {sensor.name for sensor in spec.sensors if sensor.name}
@@ -269,16 +348,26 @@ class Sensors:
             label = f"sensor {kind.removeprefix('mjSENS_').lower()} '{sensor.name or target}'"
             if kind in _WRENCHES:
                 name = self._named(sensor.name, target)
-                self._wrenches.append((label, name, self._sites[target], _WRENCHES[kind]))
+                self._wrenches.append(
+                    (label, name, self._sites[target], _WRENCHES[kind])
+                )
             elif kind == "mjSENS_JOINTACTFRC":
-                self._efforts.append(LiteralEffort(label, self._named(sensor.name, target), target))
+                self._efforts.append(
+                    LiteralEffort(label, self._named(sensor.name, target), target)
+                )
             elif kind == "mjSENS_ACTUATORFRC":
-                self._efforts += self._of_actuator(label, self._named(sensor.name, target), self._drives[target])
+                self._efforts += self._of_actuator(
+                    label, self._named(sensor.name, target), self._drives[target]
+                )
             else:
                 others[kind.removeprefix("mjSENS_").lower()] += 1
         if others and (self._wrenches or self._efforts):
-            counts = ", ".join(f"{kind} ({count})" for kind, count in sorted(others.items()))
-            self.notes.append(f"sensors of other quantities than drive forces and wrenches are left out: {counts}")
+            counts = ", ".join(
+                f"{kind} ({count})" for kind, count in sorted(others.items())
+            )
+            self.notes.append(
+                f"sensors of other quantities than drive forces and wrenches are left out: {counts}"
+            )
 
     def read(self, model: Any) -> Iterator[LiteralSensor]:
         """The force sensors in terms of the compiled model."""
@@ -297,14 +386,22 @@ class Sensors:
         self._taken.add(name := unused(target, self._taken))
         return name
 
-    def _of_actuator(self, label: str, name: str, actuator: Any) -> Iterator[LiteralEffort]:
+    def _of_actuator(
+        self, label: str, name: str, actuator: Any
+    ) -> Iterator[LiteralEffort]:
         joint, gear = str(actuator.target), parse_decimal(repr(float(actuator.gear[0])))
         if not drives_joint(actuator):
-            self.notes.append(f"{label} is left out: it does not drive a joint directly")
+            self.notes.append(
+                f"{label} is left out: it does not drive a joint directly"
+            )
         elif joint not in self._single:
-            self.notes.append(f"{label} is left out: joint '{joint}' has more than one axis")
+            self.notes.append(
+                f"{label} is left out: joint '{joint}' has more than one axis"
+            )
         elif self._driven[joint] > 1:
-            self.notes.append(f"{label} is left out: joint '{joint}' has other actuators, too")
+            self.notes.append(
+                f"{label} is left out: joint '{joint}' has other actuators, too"
+            )
         elif not gear:
             self.notes.append(f"{label} is left out: its gear is zero")
         else:
@@ -320,15 +417,29 @@ def drives_joint(actuator: Any) -> bool:
 def is_motor(actuator: Any) -> bool:
     """Whether an actuator's force is its control times a gain; that of other ones depends on the state as well."""
     mujoco = import_mujoco()
-    plain = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE)
+    plain = (
+        mujoco.mjtGain.mjGAIN_FIXED,
+        mujoco.mjtBias.mjBIAS_NONE,
+        mujoco.mjtDyn.mjDYN_NONE,
+    )
     return bool((actuator.gaintype, actuator.biastype, actuator.dyntype) == plain)
 
 
-_ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = slice(0, 3), slice(3, 6), slice(6, 10), 10
+_ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = (
+    slice(0, 3),
+    slice(3, 6),
+    slice(6, 10),
+    10,
+)
 _BALL = ("w", "x", "y", "z")
 
 
-DRIVES = {"damping": "viscous", "frictionloss": "coulomb", "armature": "rotor_inertia", "stiffness": "spring"}
+DRIVES = {
+    "damping": "viscous",
+    "frictionloss": "coulomb",
+    "armature": "rotor_inertia",
+    "stiffness": "spring",
+}
 """Attributes of joints, and the effects that they are."""
 
 
@@ -336,32 +447,52 @@ def stated_drives(spec: Any) -> dict[str, dict[str, float]]:
     """Effects that joints state, and which of them actuators drive through gears."""
     found: dict[str, dict[str, float]] = {}
     for joint in spec.joints:
-        numbers = {kind: float(np.ravel(getattr(joint, key))[0]) for key, kind in DRIVES.items()}
-        found[str(joint.name)] = {kind: value for kind, value in numbers.items() if value}
+        numbers = {
+            kind: float(np.ravel(getattr(joint, key))[0])
+            for key, kind in DRIVES.items()
+        }
+        found[str(joint.name)] = {
+            kind: value for kind, value in numbers.items() if value
+        }
     for actuator in spec.actuators:
         if drives_joint(actuator) and abs(actuator.gear[0]) not in (0.0, 1.0):
             found.setdefault(str(actuator.target), {}).setdefault("rotor_inertia", nan)
     return {name: numbers for name, numbers in found.items() if numbers}
 
 
-def read_poses(model: Any, keyframes: Mapping[str, Sequence[float]]) -> dict[str, dict[str, float]]:
+def read_poses(
+    model: Any, keyframes: Mapping[str, Sequence[float]]
+) -> dict[str, dict[str, float]]:
     """The coordinates of the reference pose and of the keyframes, by name of the pose."""
     names: list[str] = []
     for index in range(model.njnt):
         joint = model.joint(index)
         ball = tuple(f"{joint.name}.{c}" for c in _BALL)
-        free = (*(f"{joint.name}.t{c}" for c in "xyz"), *(f"{joint.name}.r.{c}" for c in _BALL))
-        names += {1: (str(joint.name),), len(ball): ball, len(free): free}[len(joint.qpos0)]
-    stated = {"the reference pose": model.qpos0} | {f"keyframe '{name}'": qpos for name, qpos in keyframes.items()}
+        free = (
+            *(f"{joint.name}.t{c}" for c in "xyz"),
+            *(f"{joint.name}.r.{c}" for c in _BALL),
+        )
+        names += {1: (str(joint.name),), len(ball): ball, len(free): free}[
+            len(joint.qpos0)
+        ]
+    stated = {"the reference pose": model.qpos0} | {
+        f"keyframe '{name}'": qpos for name, qpos in keyframes.items()
+    }
     # a rotation without w would be taken for none
     return {
-        element: {n: float(v) for n, v in zip(names, qpos, strict=True) if v or n.endswith(".w")}
+        element: {
+            n: float(v)
+            for n, v in zip(names, qpos, strict=True)
+            if v or n.endswith(".w")
+        }
         for element, qpos in stated.items()
         if len(qpos) == len(names) and all(map(isfinite, qpos))
     }
 
 
-def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[LiteralClosure]:
+def read_closures(
+    equalities: Sequence[Any], model: Any, spec: Any
+) -> Iterator[LiteralClosure]:
     """The closures of a compiled model."""
     sites = {site.name: site for site in spec.sites}
     taken = {equality.name for equality in equalities}
@@ -370,7 +501,8 @@ def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[
         name = str(equality.name) or unused(f"loop{number}", taken)
         if equality.objtype == import_mujoco().mjtObj.mjOBJ_SITE:
             (first, at), (second, on_second) = (
-                site_frame(model, sites[str(site)], label) for site in (equality.name1, equality.name2)
+                site_frame(model, sites[str(site)], label)
+                for site in (equality.name1, equality.name2)
             )
             yield LiteralClosure(label, name, kind, first, second, at, on_second)
         else:
@@ -383,20 +515,33 @@ def _kind(equality: Any) -> ClosureKind:
     return ClosureKind.WELD if rigid else ClosureKind.SPHERICAL
 
 
-def site_frame(model: Any, site: Any, label: str) -> tuple[int, tuple[LiteralPlacement, ...]]:
+def site_frame(
+    model: Any, site: Any, label: str
+) -> tuple[int, tuple[LiteralPlacement, ...]]:
     """The body that carries a site, and the site's frame on it."""
     compiled = model.site(site.name)
     xyz = exact_triple(compiled.pos, site.pos)
-    return int(compiled.bodyid[0]), placements(f"{label} site '{site.name}'", xyz, compiled.quat)
+    return int(compiled.bodyid[0]), placements(
+        f"{label} site '{site.name}'", xyz, compiled.quat
+    )
 
 
-def _between_bodies(equality: Any, model: Any, label: str, name: str, kind: ClosureKind) -> LiteralClosure:
+def _between_bodies(
+    equality: Any, model: Any, label: str, name: str, kind: ClosureKind
+) -> LiteralClosure:
     # the second body may be left out, and is the world then
-    stated, other = (int(model.body(name).id) if name else 0 for name in (equality.name1, equality.name2))
+    stated, other = (
+        int(model.body(name).id) if name else 0
+        for name in (equality.name1, equality.name2)
+    )
     related = None
     if equality_kind(equality) == "weld":
         stated, other = other, stated
         if any(equality.data[_QUATERNION]):
-            related = placements(f"{label} pose", exact_triple(equality.data[_POSITION]), equality.data[_QUATERNION])
+            related = placements(
+                f"{label} pose",
+                exact_triple(equality.data[_POSITION]),
+                equality.data[_QUATERNION],
+            )
     anchor = LiteralPlacement(f"{label} anchor", exact_triple(equality.data[_ANCHOR]))
     return LiteralClosure(label, name, kind, stated, other, (anchor,), related)

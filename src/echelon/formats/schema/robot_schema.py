@@ -12,7 +12,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Tag
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
-from echelon.formats.schema.schema_log import IdentificationEntry, LogEntry, PreparationEntry
+from echelon.formats.schema.schema_log import (
+    IdentificationEntry,
+    LogEntry,
+    PreparationEntry,
+)
 from echelon.formats.schema.schema_setup import (
     EffectEntry,
     LinearTerms,
@@ -54,19 +58,29 @@ class SymbolDetails(Model):
     """A geometry symbol with its value and meaning; ``{}`` only declares the name."""
 
     value: Expression | None = optional(
-        None, "Exact value, SI units: a number or an expression of numbers and pi.", "0.0825"
+        None,
+        "Exact value, SI units: a number or an expression of numbers and pi.",
+        "0.0825",
     )
     approximate: Expression | None = optional(
-        None, "Value of a symbol that has no exact one, to all digits of a float.", "0.4487989"
+        None,
+        "Value of a symbol that has no exact one, to all digits of a float.",
+        "0.4487989",
     )
     tangent_squared: Expression | None = optional(
-        None, "Square of the tangent of such an angle, such as 4 in the direction (1, 2, 0).", "4"
+        None,
+        "Square of the tangent of such an angle, such as 4 in the direction (1, 2, 0).",
+        "4",
     )
-    meaning: str = optional("", "What the symbol stands for.", "length of the upper arm")
+    meaning: str = optional(
+        "", "What the symbol stands for.", "length of the upper arm"
+    )
 
 
 SymbolEntry = Annotated[
-    Annotated[None, Tag("null")] | Annotated[Expression, Tag("text")] | Annotated[SymbolDetails, Tag("mapping")],
+    Annotated[None, Tag("null")]
+    | Annotated[Expression, Tag("text")]
+    | Annotated[SymbolDetails, Tag("mapping")],
     by_form("text", "mapping", "null"),
 ]
 
@@ -75,7 +89,9 @@ class CentralInertia(Model):
     """Inertia tensor about the centre of mass, along the body's axes, kg·m²."""
 
     xx: Expression = required("Moment of inertia about x.", "0.02")
-    xy: Expression = optional("0", "Entry xy of the tensor, minus the product of inertia.", "0")
+    xy: Expression = optional(
+        "0", "Entry xy of the tensor, minus the product of inertia.", "0"
+    )
     xz: Expression = optional("0", "Entry xz of the tensor.", "0")
     yy: Expression = required("Moment of inertia about y.", "0.02")
     yz: Expression = optional("0", "Entry yz of the tensor.", "0")
@@ -86,8 +102,12 @@ class CentralInertial(Model):
     """Inertial values as data sheets give them."""
 
     mass: Expression = required("kg.", "2.5")
-    com: Triple = optional(("0", "0", "0"), "Centre of mass in the body's frame, m.", [0, 0, "0.1"])
-    inertia: CentralInertia = required("Tensor about the centre of mass.", {"xx": "0.02", "yy": "0.02", "zz": "0.01"})
+    com: Triple = optional(
+        ("0", "0", "0"), "Centre of mass in the body's frame, m.", [0, 0, "0.1"]
+    )
+    inertia: CentralInertia = required(
+        "Tensor about the centre of mass.", {"xx": "0.02", "yy": "0.02", "zz": "0.01"}
+    )
 
 
 class StandardInertial(Model):
@@ -102,7 +122,8 @@ class StandardInertial(Model):
 
 
 Inertial = Annotated[
-    Annotated[StandardInertial, Tag("standard")] | Annotated[CentralInertial, Tag("central")],
+    Annotated[StandardInertial, Tag("standard")]
+    | Annotated[CentralInertial, Tag("central")],
     by_key("standard", "central"),
 ]
 
@@ -120,20 +141,38 @@ class _Carrier(Model):
     parameters: Annotated[tuple[Kind, ...], AS_LIST] | None = optional(
         None, "Which of the ten it carries, if not all.", ["ZZ"]
     )
-    separate: Flag = optional(False, "Keep a body that is fixed to its parent apart, with parameters of its own.", True)
+    separate: Flag = optional(
+        False,
+        "Keep a body that is fixed to its parent apart, with parameters of its own.",
+        True,
+    )
     inertial: Inertial | None = optional(
-        None, "Inertial values, if known.", {"standard": [0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0, 2.5]}
+        None,
+        "Inertial values, if known.",
+        {"standard": [0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0, 2.5]},
     )
 
 
 class _Row(_Carrier):
-    name: Name | None = optional(None, "Name of the joint and of the body that it moves; default j1, j2, …", "elbow")
-    joint: Literal["revolute", "prismatic", "fixed"] = required("Type of the joint.", "revolute")
+    name: Name | None = optional(
+        None,
+        "Name of the joint and of the body that it moves; default j1, j2, …",
+        "elbow",
+    )
+    joint: Literal["revolute", "prismatic", "fixed"] = required(
+        "Type of the joint.", "revolute"
+    )
     alpha: Expression = optional("0", "Angle between the z axes about x, rad.", "-pi/2")
-    a: Expression = optional("0", "Distance of the z axes along x, m (called d by Khalil).", "D3")
-    theta: Expression = optional("0", "Angle about z, rad; added to the coordinate of a revolute joint.", "pi/2")
+    a: Expression = optional(
+        "0", "Distance of the z axes along x, m (called d by Khalil).", "D3"
+    )
+    theta: Expression = optional(
+        "0", "Angle about z, rad; added to the coordinate of a revolute joint.", "pi/2"
+    )
     d: Expression = optional(
-        "0", "Distance along z, m (called r by Khalil); added to the coordinate of a prismatic joint.", "0.333"
+        "0",
+        "Distance along z, m (called r by Khalil); added to the coordinate of a prismatic joint.",
+        "0.333",
     )
 
 
@@ -141,10 +180,17 @@ class ModifiedRow(_Row):
     """Rot z(gamma) Trans z(b) Rot x(alpha) Trans x(a) Rot z(theta) Trans z(d), with the motion last."""
 
     parent: Name | None = optional(
-        None, "Name or number of the antecedent; 0 or base is the base. Default: the row before.", "2", "torso"
+        None,
+        "Name or number of the antecedent; 0 or base is the base. Default: the row before.",
+        "2",
+        "torso",
     )
-    gamma: Expression = optional("0", "Angle about z of the antecedent, for trees, rad.", "pi/2")
-    b: Expression = optional("0", "Distance along z of the antecedent, for trees, m.", "0.1")
+    gamma: Expression = optional(
+        "0", "Angle about z of the antecedent, for trees, rad.", "pi/2"
+    )
+    b: Expression = optional(
+        "0", "Distance along z of the antecedent, for trees, m.", "0.1"
+    )
 
 
 class StandardRow(_Row):
@@ -155,14 +201,18 @@ class BodyEntry(_Carrier):
     """A body and the joint that connects it to its parent."""
 
     name: Name = required("Name of the body, unique.", "forearm")
-    parent: Name | None = optional(None, "Name of the parent body; default, or base: the base.", "upper_arm")
+    parent: Name | None = optional(
+        None, "Name of the parent body; default, or base: the base.", "upper_arm"
+    )
     joint: Joint | None = optional(
         None,
         "Connects the parent's frame to this body's. Only the first body may go without: it is the base.",
         {"type": "revolute", "axis": "z"},
     )
     frame: Frame = optional(
-        Frame.model_construct(), "The body's frame in the frame that the joint moves.", {"xyz": ["l1", 0, 0]}
+        Frame.model_construct(),
+        "The body's frame in the frame that the joint moves.",
+        {"xyz": ["l1", 0, 0]},
     )
 
 
@@ -170,7 +220,8 @@ class RobotDescription(Model):
     """One robot."""
 
     model_config = ConfigDict(
-        title="Echelon robot description", json_schema_extra={"oneOf": [{"required": [form]} for form in FORMS]}
+        title="Echelon robot description",
+        json_schema_extra={"oneOf": [{"required": [form]} for form in FORMS]},
     )
 
     echelon: Version = required("Version of this format.", 1)
@@ -187,7 +238,9 @@ class RobotDescription(Model):
         {"front_wheel": "wheel", "rear_wheel": "wheel"},
     )
     gravity: Annotated[
-        Annotated[Literal["generic", "none"], Tag("text")] | Annotated[Triple, Tag("list")], by_form("text", "list")
+        Annotated[Literal["generic", "none"], Tag("text")]
+        | Annotated[Triple, Tag("list")],
+        by_form("text", "list"),
     ] = optional(
         ("0", "0", "-9.81"),
         "Gravity in the base frame, m/s²; generic for an unknown direction.",
@@ -204,7 +257,13 @@ class RobotDescription(Model):
     loops: Annotated[tuple[Loop, ...], AS_LIST] = optional(
         (),
         "Joints that close loops; or pairs of frames that are welded together.",
-        [{"joint": "revolute", "connects": ["coupler", "rocker"], "at": {"xyz": ["l3", 0, 0]}}],
+        [
+            {
+                "joint": "revolute",
+                "connects": ["coupler", "rocker"],
+                "at": {"xyz": ["l3", 0, 0]},
+            }
+        ],
     )
     independent: Annotated[tuple[Name, ...], AS_LIST] | None = optional(
         None,
@@ -229,15 +288,24 @@ class RobotDescription(Model):
         "of them drives has a drive of its own name.",
         {"m5": "45*j5", "m6": "32*j5 + 32*j6"},
     )
-    rotors: Annotated[tuple[RotorEntry, ...], AS_LIST] = optional((), "Spinning rotors.")
+    rotors: Annotated[tuple[RotorEntry, ...], AS_LIST] = optional(
+        (), "Spinning rotors."
+    )
     locked: dict[Name, Number] = optional(
-        {}, "Coordinates, or joints, that do not move, and where they stand, rad or m.", {"finger": 0.02}
+        {},
+        "Coordinates, or joints, that do not move, and where they stand, rad or m.",
+        {"finger": 0.02},
     )
     effects: (
         Annotated[
             tuple[EffectEntry, ...],
             AS_LIST,
-            BeforeValidator(effect_list, json_schema_input_type=tuple[EffectEntry | str, ...] | dict[str, Any] | str),
+            BeforeValidator(
+                effect_list,
+                json_schema_input_type=tuple[EffectEntry | str, ...]
+                | dict[str, Any]
+                | str,
+            ),
         ]
         | None
     ) = optional(
@@ -250,10 +318,13 @@ class RobotDescription(Model):
         {"elbow": ["viscous", "offset"]},
     )
     outputs: Annotated[tuple[OutputEntry, ...], AS_LIST] | None = optional(
-        None, "What is measured; default: the forces of all actuators.", [{"joint": "all"}, {"wrench": "base"}]
+        None,
+        "What is measured; default: the forces of all actuators.",
+        [{"joint": "all"}, {"wrench": "base"}],
     )
     log: Annotated[
-        Annotated[LogEntry, Tag("mapping")] | Annotated[tuple[LogEntry, ...], AS_LIST, Tag("list")],
+        Annotated[LogEntry, Tag("mapping")]
+        | Annotated[tuple[LogEntry, ...], AS_LIST, Tag("list")],
         by_form("mapping", "list"),
     ] = optional(
         (),
@@ -261,13 +332,15 @@ class RobotDescription(Model):
         {"time": "t", "position": "q_{n}", "output": "tau_{n}"},
     )
     preparation: PreparationEntry = optional(
-        PreparationEntry.model_construct(), "How logs are filtered, differentiated and decimated."
+        PreparationEntry.model_construct(),
+        "How logs are filtered, differentiated and decimated.",
     )
     identification: IdentificationEntry = optional(
         IdentificationEntry.model_construct(), "What is fitted to logs, and how."
     )
     excitation: ExcitationEntry = optional(
-        ExcitationEntry.model_construct(), "Exciting trajectory that is recorded for the identification."
+        ExcitationEntry.model_construct(),
+        "Exciting trajectory that is recorded for the identification.",
     )
     robot: Annotated[
         RobotFile | None,
@@ -275,14 +348,21 @@ class RobotDescription(Model):
             lambda value: {"file": value} if isinstance(value, str) else value,
             json_schema_input_type=str | RobotFile | None,
         ),
-    ] = optional(None, "Instead of a geometry: a robot file that this adds to.", "arm.urdf", {"file": "arm.urdf"})
+    ] = optional(
+        None,
+        "Instead of a geometry: a robot file that this adds to.",
+        "arm.urdf",
+        {"file": "arm.urdf"},
+    )
     modified_dh: Annotated[tuple[ModifiedRow, ...], AS_ROWS] | None = optional(
         None,
         "Modified Denavit–Hartenberg (Khalil–Kleinfinger, Craig): one row per joint.",
         [{"joint": "revolute", "d": "0.333"}, {"joint": "revolute", "alpha": "-pi/2"}],
     )
     standard_dh: Annotated[tuple[StandardRow, ...], AS_ROWS] | None = optional(
-        None, "Standard Denavit–Hartenberg: one row per joint.", [{"joint": "revolute", "d": "0.1273", "alpha": "pi/2"}]
+        None,
+        "Standard Denavit–Hartenberg: one row per joint.",
+        [{"joint": "revolute", "d": "0.1273", "alpha": "pi/2"}],
     )
     bodies: Annotated[tuple[BodyEntry, ...], AS_LIST] | None = optional(
         None,

@@ -9,7 +9,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    WithJsonSchema,
+    model_validator,
+)
 
 from echelon.choices import Family, Optimality, Unreadable
 from echelon.formats.schema.schema_types import (
@@ -41,7 +47,9 @@ def _limit(value: object) -> float:
     if value == _NONE:
         return math.inf
     if NOT_FINITE.fullmatch(str(value).strip()):
-        raise refusal(f"'{value}' is not a finite number: write none where there is no limit")
+        raise refusal(
+            f"'{value}' is not a finite number: write none where there is no limit"
+        )
     return number(value)
 
 
@@ -57,7 +65,9 @@ def _range(value: object) -> tuple[float, float]:
 
 
 def _corner(value: object) -> tuple[float, ...]:
-    return tuple(number(part) for part in of_size(value, 3, "three numbers such as [0, 0, 0.1]"))
+    return tuple(
+        number(part) for part in of_size(value, 3, "three numbers such as [0, 0, 0.1]")
+    )
 
 
 def _normal(value: object) -> tuple[float, ...]:
@@ -71,12 +81,20 @@ def _normal(value: object) -> tuple[float, ...]:
 def _shape(value: object) -> object:
     """A shape whose numbers are numbers; what shapes there are is not known here."""
     if not isinstance(value, dict):
-        raise refusal(f"needs a mapping such as {{body: link3, sphere: 0.06}}, found {kind_of(value)}")
-    return {key: part if key in _TEXTS else _numbers(part) for key, part in value.items()}
+        raise refusal(
+            f"needs a mapping such as {{body: link3, sphere: 0.06}}, found {kind_of(value)}"
+        )
+    return {
+        key: part if key in _TEXTS else _numbers(part) for key, part in value.items()
+    }
 
 
 def _numbers(value: object) -> object:
-    return [number(part) for part in value] if isinstance(value, list | tuple) else number(value)
+    return (
+        [number(part) for part in value]
+        if isinstance(value, list | tuple)
+        else number(value)
+    )
 
 
 def _by_name(value: object) -> object:
@@ -89,12 +107,21 @@ def _written(value: float) -> float | str:
 
 _ENDS: dict[str, Any] = {"type": "array", "items": SCALAR, "minItems": 2, "maxItems": 2}
 _INTERVAL: dict[str, Any] = {"anyOf": [_ENDS, {"const": _NONE}]}
-_THREE = WithJsonSchema({"type": "array", "items": SCALAR, "minItems": 3, "maxItems": 3})
-_NAMES = {"type": "array", "items": {"type": ["string", "integer"]}, "minItems": 2, "maxItems": 2}
+_THREE = WithJsonSchema(
+    {"type": "array", "items": SCALAR, "minItems": 3, "maxItems": 3}
+)
+_NAMES = {
+    "type": "array",
+    "items": {"type": ["string", "integer"]},
+    "minItems": 2,
+    "maxItems": 2,
+}
 
 
 def _one_or_each(item: dict[str, Any]) -> WithJsonSchema:
-    return WithJsonSchema({"anyOf": [item, {"type": "object", "additionalProperties": item}]})
+    return WithJsonSchema(
+        {"anyOf": [item, {"type": "object", "additionalProperties": item}]}
+    )
 
 
 Positive = Annotated[Number, Field(gt=0)]
@@ -103,17 +130,30 @@ Count = Annotated[Whole, Field(ge=1)]
 # JSON has no infinity, and what is written there is read again
 _WRITTEN = PlainSerializer(_written, return_type=float | str, when_used="json")
 _WRITTEN_RANGE = PlainSerializer(
-    lambda ends: [_written(end) for end in ends], return_type=list[float | str], when_used="json"
+    lambda ends: [_written(end) for end in ends],
+    return_type=list[float | str],
+    when_used="json",
 )
 Limit = Annotated[float, BeforeValidator(_limit), Field(gt=0), _WRITTEN]
-Range = Annotated[tuple[float, float], BeforeValidator(_range), WithJsonSchema(_INTERVAL), _WRITTEN_RANGE]
+Range = Annotated[
+    tuple[float, float],
+    BeforeValidator(_range),
+    WithJsonSchema(_INTERVAL),
+    _WRITTEN_RANGE,
+]
 Point = Annotated[tuple[float, float, float], BeforeValidator(_corner), _THREE]
 Unit = Annotated[tuple[float, float, float], BeforeValidator(_normal), _THREE]
 Shape = Annotated[dict[str, Any], BeforeValidator(_shape)]
-Pair = Annotated[tuple[Name, Name], sized(2, "a pair of names such as [link1, link3]"), WithJsonSchema(_NAMES)]
+Pair = Annotated[
+    tuple[Name, Name],
+    sized(2, "a pair of names such as [link1, link3]"),
+    WithJsonSchema(_NAMES),
+]
 Limits = Annotated[dict[str, Limit], BeforeValidator(_by_name), _one_or_each(SCALAR)]
 Ranges = Annotated[dict[str, Range], BeforeValidator(_by_name), _one_or_each(_INTERVAL)]
-Deviations = Annotated[dict[str, Positive], BeforeValidator(_by_name), _one_or_each(SCALAR)]
+Deviations = Annotated[
+    dict[str, Positive], BeforeValidator(_by_name), _one_or_each(SCALAR)
+]
 
 _WHOSE = "one for all, or by name of a coordinate or an actuator, where all is every other; none for no limit."
 
@@ -124,16 +164,28 @@ _WHOSE = "one for all, or by name of a coordinate or an actuator, where all is e
 class LimitsEntry(Model):
     """What the robot can do; what is stated here comes before what the robot file states."""
 
-    position: Ranges = optional({}, f"Lowest and highest position, rad or m: {_WHOSE}", {"j1": ["-pi/2", 1.5]})
-    velocity: Limits = optional({}, f"Largest speed, rad/s or m/s: {_WHOSE}", {"all": 2, "j1": 1})
-    acceleration: Limits = optional({}, f"Largest acceleration, rad/s² or m/s²: {_WHOSE}", 10, {"j1": "none"})
+    position: Ranges = optional(
+        {}, f"Lowest and highest position, rad or m: {_WHOSE}", {"j1": ["-pi/2", 1.5]}
+    )
+    velocity: Limits = optional(
+        {}, f"Largest speed, rad/s or m/s: {_WHOSE}", {"all": 2, "j1": 1}
+    )
+    acceleration: Limits = optional(
+        {}, f"Largest acceleration, rad/s² or m/s²: {_WHOSE}", 10, {"j1": "none"}
+    )
     jerk: Limits = optional({}, f"Largest jerk, rad/s³ or m/s³: {_WHOSE}", 500)
     beyond_file: Flag = optional(
-        False, "Let positions stated here go beyond those of the robot file, or beyond two turns.", True
+        False,
+        "Let positions stated here go beyond those of the robot file, or beyond two turns.",
+        True,
     )
-    effort: Limits = optional({}, f"Largest torque or force, N·m or N: {_WHOSE}", {"j1": 87})
+    effort: Limits = optional(
+        {}, f"Largest torque or force, N·m or N: {_WHOSE}", {"j1": 87}
+    )
     scale: Annotated[Number, Field(gt=0, le=1)] = optional(
-        1.0, "Share of the robot file's limits that is used; those stated here hold as they are.", 0.8
+        1.0,
+        "Share of the robot file's limits that is used; those stated here hold as they are.",
+        0.8,
     )
 
 
@@ -143,7 +195,9 @@ class LimitsEntry(Model):
 class BoxEntry(Model):
     """A box along the axes of the base frame; what is absent is unlimited."""
 
-    x: Range | None = optional(None, "Lowest and highest x, m; none for no limit.", [-0.5, 0.5])
+    x: Range | None = optional(
+        None, "Lowest and highest x, m; none for no limit.", [-0.5, 0.5]
+    )
     y: Range | None = optional(None, "Lowest and highest y, m.", ["-0.5", "none"])
     z: Range | None = optional(None, "Lowest and highest z, m.", [0.05, 1.2])
 
@@ -157,18 +211,28 @@ class BoxEntry(Model):
 class HalfSpaceEntry(Model):
     """The points p of the base frame with normal · p ≥ offset."""
 
-    normal: Unit = required("Direction of any length, out of what is forbidden.", [0, 0, 1])
-    offset: Number = optional(0.0, "Distance of the plane from the base along the normal, m.", 0.1)
+    normal: Unit = required(
+        "Direction of any length, out of what is forbidden.", [0, 0, 1]
+    )
+    offset: Number = optional(
+        0.0, "Distance of the plane from the base along the normal, m.", 0.1
+    )
 
 
 class FrameEntry(Model):
     """A point of a body, or a ball about it, that stays inside a box or on one side of a plane."""
 
     body: Name = required("Name of the body.", "hand")
-    point: Point = optional((0.0, 0.0, 0.0), "The point in the body's frame, m.", [0, 0, 0.1])
-    radius: NotNegative = optional(0.0, "Radius of the ball about it that stays inside, m.", 0.05)
+    point: Point = optional(
+        (0.0, 0.0, 0.0), "The point in the body's frame, m.", [0, 0, 0.1]
+    )
+    radius: NotNegative = optional(
+        0.0, "Radius of the ball about it that stays inside, m.", 0.05
+    )
     box: BoxEntry | None = optional(None, "Box that holds it.", {"z": [0.05, 1.2]})
-    above: HalfSpaceEntry | None = optional(None, "Plane above which it stays.", {"normal": [0, 0, 1], "offset": 0.05})
+    above: HalfSpaceEntry | None = optional(
+        None, "Plane above which it stays.", {"normal": [0, 0, 1], "offset": 0.05}
+    )
 
     @model_validator(mode="after")
     def _check_one(self) -> Self:
@@ -191,7 +255,10 @@ class CollisionsEntry(Model):
     obstacles: Annotated[tuple[Shape, ...], AS_LIST] = optional(
         (),
         "Shapes that do not move, in the base frame; a plane's normal points to the robot's side.",
-        [{"name": "table", "box": [1, 1, 0.1], "at": [0, 0, -0.1]}, {"plane": [0, 0, 1]}],
+        [
+            {"name": "table", "box": [1, 1, 0.1], "at": [0, 0, -0.1]},
+            {"plane": [0, 0, 1]},
+        ],
     )
     exclude: Annotated[tuple[Pair, ...], AS_LIST] = optional(
         (), "Pairs of bodies or obstacles that may touch.", [["link1", "link3"]]
@@ -202,7 +269,9 @@ class CollisionsEntry(Model):
         "without shapes, or none, which leaves them out.",
         "boxes",
     )
-    ignore_touching: Flag = optional(False, "Leave out pairs of bodies that touch already where motions start.", True)
+    ignore_touching: Flag = optional(
+        False, "Leave out pairs of bodies that touch already where motions start.", True
+    )
 
 
 # -- the section ------------------------------------------------------------------------------------------------------
@@ -211,11 +280,21 @@ class CollisionsEntry(Model):
 class ExcitationEntry(Model):
     """What the motion that excites the parameters looks like, and what it has to keep."""
 
-    duration: Positive | None = optional(None, "Length of the motion, or of its period, s.", 10)
-    rate: Positive = optional(100.0, "Samples per second that the criterion counts, Hz.", 200)
-    family: Family = optional("fourier", "Functions of time: Fourier series, B-splines, or both added.", "bspline")
+    duration: Positive | None = optional(
+        None, "Length of the motion, or of its period, s.", 10
+    )
+    rate: Positive = optional(
+        100.0, "Samples per second that the criterion counts, Hz.", 200
+    )
+    family: Family = optional(
+        "fourier",
+        "Functions of time: Fourier series, B-splines, or both added.",
+        "bspline",
+    )
     harmonics: Count | None = optional(
-        None, "Harmonics of Fourier series; default: 7, fewer where more than 8 coordinates move.", 5
+        None,
+        "Harmonics of Fourier series; default: 7, fewer where more than 8 coordinates move.",
+        5,
     )
     segments: Count = optional(8, "Segments of B-splines.", 12)
     criterion: Optimality = optional(
@@ -233,10 +312,16 @@ class ExcitationEntry(Model):
         None, "Coordinates that move; default: all that can.", ["j1", "j2"]
     )
     hold: dict[str, Number] = optional(
-        {}, "Positions of the coordinates that do not, rad or m; default: 0.", {"j3": "pi/2"}
+        {},
+        "Positions of the coordinates that do not, rad or m; default: 0.",
+        {"j3": "pi/2"},
     )
-    centre: dict[str, Number] = optional({}, "Positions about which motions start, rad or m.", {"j4": -1.5})
-    limits: LimitsEntry = optional(LimitsEntry.model_construct(), "What the robot can do.")
+    centre: dict[str, Number] = optional(
+        {}, "Positions about which motions start, rad or m.", {"j4": -1.5}
+    )
+    limits: LimitsEntry = optional(
+        LimitsEntry.model_construct(), "What the robot can do."
+    )
     effort_margin: Annotated[Number, Field(ge=0, lt=1)] = optional(
         0.1, "Share of the effort limits kept free for errors of the prior model.", 0.2
     )
@@ -247,13 +332,21 @@ class ExcitationEntry(Model):
         "result/model.json",
     )
     deviations: NotNegative = optional(
-        3.0, "Standard deviations of torques predicted by an identified model that are kept free.", 2
+        3.0,
+        "Standard deviations of torques predicted by an identified model that are kept free.",
+        2,
     )
     frames: Annotated[tuple[FrameEntry, ...], AS_LIST] = optional(
-        (), "Where points of bodies may go.", [{"body": "hand", "radius": 0.1, "above": {"normal": [0, 0, 1]}}]
+        (),
+        "Where points of bodies may go.",
+        [{"body": "hand", "radius": 0.1, "above": {"normal": [0, 0, 1]}}],
     )
-    collisions: CollisionsEntry = optional(CollisionsEntry.model_construct(), "What must not touch.")
-    starts: Count = optional(4, "Random starts of the optimisation; the best result counts.", 8)
+    collisions: CollisionsEntry = optional(
+        CollisionsEntry.model_construct(), "What must not touch."
+    )
+    starts: Count = optional(
+        4, "Random starts of the optimisation; the best result counts.", 8
+    )
     seed: Annotated[Whole, Field(ge=0)] = optional(2015, "Of the random starts.", 1)
     iterations: Count = optional(500, "Steps of the solver in each start, at most.", 50)
     budget: Positive = optional(
@@ -266,7 +359,9 @@ class ExcitationEntry(Model):
     def _check_roles(self) -> Self:
         moved = next((name for name in self.move or () if name in self.hold), None)
         if moved is not None:
-            raise refusal(f"'{moved}' moves and is held: name it under move or under hold")
+            raise refusal(
+                f"'{moved}' moves and is held: name it under move or under hold"
+            )
         held = next((name for name in self.centre if name in self.hold), None)
         if held is not None:
             raise refusal(f"'{held}' is held, so its motion has no centre")

@@ -5,7 +5,14 @@ from __future__ import annotations
 from math import inf
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
 
 from echelon.choices import Criterion, Estimator, ValuesToUse
 from echelon.formats.schema.schema_types import (
@@ -38,7 +45,10 @@ def _box(value: _Triples) -> _Triples:
 
 
 def _ellipsoid(value: _Triples) -> _Triples:
-    if not all(abs(centre) < inf and 0 < axis < inf for centre, axis in zip(*value, strict=True)):
+    if not all(
+        abs(centre) < inf and 0 < axis < inf
+        for centre, axis in zip(*value, strict=True)
+    ):
         raise refusal("the semi-axes of the ellipsoid must be positive")
     return value
 
@@ -53,12 +63,16 @@ def _listed(value: object) -> object:
 
 Positive = Annotated[Real, Field(gt=0)]
 Bound = Annotated[tuple[Real, Real], AS_LIST, AfterValidator(_range)]
-MassBound = Annotated[Bound, AfterValidator(lambda value: _range((max(value[0], 0.0), value[1])))]
+MassBound = Annotated[
+    Bound, AfterValidator(lambda value: _range((max(value[0], 0.0), value[1])))
+]
 Corner = Annotated[tuple[Real, Real, Real], AS_LIST]
 Box = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_box)]
 Ellipsoid = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_ellipsoid)]
 Automatic = BeforeValidator(lambda value: None if value == "auto" else value)
-_DERIVATIVES = WithJsonSchema({"type": ["array", "string", "null"], "items": {"enum": ["qd", "qdd"]}})
+_DERIVATIVES = WithJsonSchema(
+    {"type": ["array", "string", "null"], "items": {"enum": ["qd", "qdd"]}}
+)
 
 
 # -- columns --------------------------------------------------------------------------------------------------------
@@ -68,14 +82,20 @@ class ColumnEntry(Model):
     """A column and how its numbers become SI units: scale · (column in SI units) + offset."""
 
     column: Name = required("Name of the column.", "q_1")
-    unit: str = optional("", "Unit of the column; default: the SI unit.", "deg", "N·mm", "ms")
+    unit: str = optional(
+        "", "Unit of the column; default: the SI unit.", "deg", "N·mm", "ms"
+    )
     scale: Expression = optional("1", "Sign, ratio or gain.", "-1", "1/100", "35.15")
     offset: Expression = optional("0", "Added last, SI unit.", "-pi/2")
 
 
-Column = Annotated[Annotated[Name, Tag("text")] | Annotated[ColumnEntry, Tag("mapping")], by_form("text", "mapping")]
+Column = Annotated[
+    Annotated[Name, Tag("text")] | Annotated[ColumnEntry, Tag("mapping")],
+    by_form("text", "mapping"),
+]
 Columns = Annotated[
-    Annotated[Name, Tag("text")] | Annotated[dict[str, Column], Tag("mapping")], by_form("text", "mapping")
+    Annotated[Name, Tag("text")] | Annotated[dict[str, Column], Tag("mapping")],
+    by_form("text", "mapping"),
 ]
 
 _BY_NAME = (
@@ -88,16 +108,32 @@ _BY_NAME = (
 class LogEntry(Model):
     """Columns of the logs."""
 
-    time: Column | None = optional(None, "Time stamps; default: those that messages of a bag have, or guessed.", "t")
-    rate: Positive | None = optional(None, "Samples per second, without time stamps.", 1000)
-    position: Columns | None = optional(None, f"Positions. {_BY_NAME}", "q_{n}", {"actuators": "motor_{n}"})
-    velocity: Columns | None = optional(None, "Velocities, if logged.", "qd_{n}")
-    acceleration: Columns | None = optional(None, "Accelerations, if logged.", "qdd_{n}")
-    output: Columns | None = optional(
-        None, "Measured outputs; of actuators also where joints are the outputs.", "tau_{n}"
+    time: Column | None = optional(
+        None,
+        "Time stamps; default: those that messages of a bag have, or guessed.",
+        "t",
     )
-    reference: Columns | None = optional(None, "Positions that the controller was asked for.", "q_ref_{n}")
-    input: Columns | None = optional(None, "Inputs that effects use.", {"j1": "current_1"})
+    rate: Positive | None = optional(
+        None, "Samples per second, without time stamps.", 1000
+    )
+    position: Columns | None = optional(
+        None, f"Positions. {_BY_NAME}", "q_{n}", {"actuators": "motor_{n}"}
+    )
+    velocity: Columns | None = optional(None, "Velocities, if logged.", "qd_{n}")
+    acceleration: Columns | None = optional(
+        None, "Accelerations, if logged.", "qdd_{n}"
+    )
+    output: Columns | None = optional(
+        None,
+        "Measured outputs; of actuators also where joints are the outputs.",
+        "tau_{n}",
+    )
+    reference: Columns | None = optional(
+        None, "Positions that the controller was asked for.", "q_ref_{n}"
+    )
+    input: Columns | None = optional(
+        None, "Inputs that effects use.", {"j1": "current_1"}
+    )
 
     @model_validator(mode="after")
     def _check_clock(self) -> Self:
@@ -113,24 +149,35 @@ class PreparationEntry(Model):
     """How logs become samples; what is absent, or auto, is chosen from the data."""
 
     band: Annotated[Positive | None, Automatic] = optional(
-        None, "What both sides of the equation keep, from 0 Hz up to this; inf for all.", 5
+        None,
+        "What both sides of the equation keep, from 0 Hz up to this; inf for all.",
+        5,
     )
     lowpass: dict[str, Positive] | None = optional(
-        None, "Low-pass over single positions, Hz, where a coarse encoder would spoil the others.", {"j1": 3}
+        None,
+        "Low-pass over single positions, Hz, where a coarse encoder would spoil the others.",
+        {"j1": 3},
     )
-    measured: Annotated[tuple[Literal["qd", "qdd"], ...] | None, BeforeValidator(_listed), _DERIVATIVES] = optional(
-        None, "Derivatives to take from the log; [] for none.", ["qd"]
-    )
+    measured: Annotated[
+        tuple[Literal["qd", "qdd"], ...] | None, BeforeValidator(_listed), _DERIVATIVES
+    ] = optional(None, "Derivatives to take from the log; [] for none.", ["qd"])
     still: (
         Annotated[
-            Annotated[Real, Tag("number")] | Annotated[dict[str, Real], Tag("mapping")], by_form("number", "mapping")
+            Annotated[Real, Tag("number")] | Annotated[dict[str, Real], Tag("mapping")],
+            by_form("number", "mapping"),
         ]
         | None
-    ) = optional(None, "Speed below which rows are left out, for all outputs or by output.", 0.01)
-    rest: Annotated[tuple[str, ...] | None, BeforeValidator(_listed)] = optional(
-        None, "Outputs whose joints count as at rest below 'still', where their dry friction is unknown.", ["j1"]
+    ) = optional(
+        None, "Speed below which rows are left out, for all outputs or by output.", 0.01
     )
-    delays: dict[str, Real] | None = optional(None, "Delay of outputs behind positions, s.", {"j1": 0.002})
+    rest: Annotated[tuple[str, ...] | None, BeforeValidator(_listed)] = optional(
+        None,
+        "Outputs whose joints count as at rest below 'still', where their dry friction is unknown.",
+        ["j1"],
+    )
+    delays: dict[str, Real] | None = optional(
+        None, "Delay of outputs behind positions, s.", {"j1": 0.002}
+    )
     trim: Annotated[Real, Field(ge=0)] = optional(0.0, "Left out at both ends, s.", 0.5)
     rate: Positive | None = optional(None, "Resample to this rate, Hz.", 500)
 
@@ -143,15 +190,23 @@ class BodyBoundsEntry(Model):
 
     mass: MassBound | None = optional(None, "Least and largest mass, kg.", [1, 5])
     box: Box | None = optional(
-        None, "Box that holds the centre of mass: two opposite corners, m.", [[-0.1, -0.1, 0], [0.1, 0.1, 0.3]]
+        None,
+        "Box that holds the centre of mass: two opposite corners, m.",
+        [[-0.1, -0.1, 0], [0.1, 0.1, 0.3]],
     )
     ellipsoid: Ellipsoid | None = optional(
-        None, "Ellipsoid that holds it: centre and semi-axes, m.", [[0, 0, 0.1], [0.1, 0.1, 0.2]]
+        None,
+        "Ellipsoid that holds it: centre and semi-axes, m.",
+        [[0, 0, 0.1], [0.1, 0.1, 0.2]],
     )
     extent: Ellipsoid | None = optional(
-        None, "Ellipsoid that holds all of the mass: centre and semi-axes, m.", [[0, 0, 0.05], [0.08, 0.08, 0.08]]
+        None,
+        "Ellipsoid that holds all of the mass: centre and semi-axes, m.",
+        [[0, 0, 0.05], [0.08, 0.08, 0.08]],
     )
-    symmetry: Annotated[tuple[Literal["xy", "xz", "yz", "x", "y", "z"], ...], BeforeValidator(_stages)] = optional(
+    symmetry: Annotated[
+        tuple[Literal["xy", "xz", "yz", "x", "y", "z"], ...], BeforeValidator(_stages)
+    ] = optional(
         (), "Planes to which, and axes about which, the mass is symmetric.", ["xz"]
     )
 
@@ -173,7 +228,9 @@ class IdentificationEntry(Model):
     """What is fitted and how."""
 
     estimator: Estimator = optional("irls", "Estimator of the base parameters.", "irls")
-    known: dict[str, Real] = optional({}, "Base parameters with known values.", {"Ia1": 0.1})
+    known: dict[str, Real] = optional(
+        {}, "Base parameters with known values.", {"Ia1": 0.1}
+    )
     holdout: Annotated[Real, Field(ge=0, lt=1)] = optional(
         0.3, "Share of each log kept for validation where no other log is.", 0.3
     )
@@ -184,17 +241,27 @@ class IdentificationEntry(Model):
         "combinations that the data hardly show.",
         "physical",
     )
-    essential: Literal[Criterion, "none"] = optional("bic", "Criterion that eliminates parameters.", "bic")
+    essential: Literal[Criterion, "none"] = optional(
+        "bic", "Criterion that eliminates parameters.", "bic"
+    )
     prior: PriorEntry = optional(PriorEntry.model_construct(), "Prior values.")
-    bodies: dict[str, BodyBoundsEntry] = optional({}, "Bounds on bodies.", {"link1": {"mass": [1, 5]}})
-    parameters: dict[str, Bound] = optional({}, "Bounds on parameters.", {"Fv1": [0, 10]})
-    total_mass: MassBound | None = optional(None, "Range of the mass of all bodies, kg.", [12, 14])
+    bodies: dict[str, BodyBoundsEntry] = optional(
+        {}, "Bounds on bodies.", {"link1": {"mass": [1, 5]}}
+    )
+    parameters: dict[str, Bound] = optional(
+        {}, "Bounds on parameters.", {"Fv1": [0, 10]}
+    )
+    total_mass: MassBound | None = optional(
+        None, "Range of the mass of all bodies, kg.", [12, 14]
+    )
     intervals: Literal["clustered", "classical"] = optional(
         "clustered",
         "Covariance from batches of time, which holds where residuals are not white, or the classical one.",
         "classical",
     )
-    level: Annotated[Real, Field(gt=0, lt=1)] = optional(0.95, "Of confidence intervals.", 0.95)
+    level: Annotated[Real, Field(gt=0, lt=1)] = optional(
+        0.95, "Of confidence intervals.", 0.95
+    )
 
     @model_validator(mode="before")
     @classmethod

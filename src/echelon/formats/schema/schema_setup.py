@@ -28,17 +28,29 @@ COMPONENTS: tuple[Component, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
 class FileJoint(Model):
     """What a joint of a robot file really is, where its format cannot say so."""
 
-    type: Literal["spherical", "universal", "fixed"] = required("Type of the joint.", "spherical")
-    axis: Direction | None = optional(None, "First axis of a universal joint, in the frame of the joint's origin.", "x")
-    axis2: Direction | None = optional(None, "Its second axis, perpendicular to the first.", "y")
+    type: Literal["spherical", "universal", "fixed"] = required(
+        "Type of the joint.", "spherical"
+    )
+    axis: Direction | None = optional(
+        None,
+        "First axis of a universal joint, in the frame of the joint's origin.",
+        "x",
+    )
+    axis2: Direction | None = optional(
+        None, "Its second axis, perpendicular to the first.", "y"
+    )
 
     @model_validator(mode="after")
     def _check_axes(self) -> Self:
         axes = [axis for axis in (self.axis, self.axis2) if axis is not None]
         if self.type != "universal" and axes:
             raise refusal(f"a {self.type} joint has no axis")
-        if self.type == "universal" and len({axis[-1] for axis in axes}) != len(("axis", "axis2")):
-            raise refusal("a universal joint has an axis and an axis2, perpendicular to each other")
+        if self.type == "universal" and len({axis[-1] for axis in axes}) != len(
+            ("axis", "axis2")
+        ):
+            raise refusal(
+                "a universal joint has an axis and an axis2, perpendicular to each other"
+            )
         return self
 
 
@@ -67,7 +79,9 @@ class RobotFile(Model):
 class LinearTerms(Model):
     """A combination of joint coordinates term by term, for names that cannot stand in an expression."""
 
-    terms: dict[str, Expression] = required("Ratio to each coordinate.", {"left-knee": "50"})
+    terms: dict[str, Expression] = required(
+        "Ratio to each coordinate.", {"left-knee": "50"}
+    )
 
 
 # -- effects --------------------------------------------------------------------------------------------------------
@@ -83,25 +97,46 @@ class ReadyEffect(Model):
     """A ready-made effect at one or several coordinates, each with parameters of its own."""
 
     type: Ready = required("Which effect.", "viscous")
-    at: Annotated[tuple[Name, ...], AS_LIST] | Name = required("Coordinates or actuators, or all.", "all", ["j1", "j2"])
+    at: Annotated[tuple[Name, ...], AS_LIST] | Name = required(
+        "Coordinates or actuators, or all.", "all", ["j1", "j2"]
+    )
     side: Side | None = optional(
-        None, "In the drive, where only the actuator's torque sees it (default), or at the joint itself.", "joint"
+        None,
+        "In the drive, where only the actuator's torque sees it (default), or at the joint itself.",
+        "joint",
     )
-    label: Name | None = optional(None, "Ends the names of its parameters, which all places share.", "5")
-    velocity: Expression | None = optional(None, "Stribeck velocity, rad/s or m/s.", "0.05")
-    exponent: Expression | None = optional(None, "Exponent of a Stribeck term; default: 2.", "2")
+    label: Name | None = optional(
+        None, "Ends the names of its parameters, which all places share.", "5"
+    )
+    velocity: Expression | None = optional(
+        None, "Stribeck velocity, rad/s or m/s.", "0.05"
+    )
+    exponent: Expression | None = optional(
+        None, "Exponent of a Stribeck term; default: 2.", "2"
+    )
     phase: Expression | None = optional(
-        None, "Of a counterbalance: its force is proportional to sin(q + phase).", "0.0872665"
+        None,
+        "Of a counterbalance: its force is proportional to sin(q + phase).",
+        "0.0872665",
     )
-    lower: Expression | None = optional(None, "Position below which a stop is touched.", "-2.9")
-    upper: Expression | None = optional(None, "Position beyond which a stop is touched.", "2.9")
-    harmonic: Expression | None = optional(None, "Of a ripple: how often it repeats in a turn.", "6", "101")
+    lower: Expression | None = optional(
+        None, "Position below which a stop is touched.", "-2.9"
+    )
+    upper: Expression | None = optional(
+        None, "Position beyond which a stop is touched.", "2.9"
+    )
+    harmonic: Expression | None = optional(
+        None, "Of a ripple: how often it repeats in a turn.", "6", "101"
+    )
 
     @property
     def constants(self) -> dict[str, str]:
         """Constants of the effect, defaults included."""
         needed = CONSTANTS.get(self.type, {})
-        return {name: str(getattr(self, name) or default) for name, default in needed.items()}
+        return {
+            name: str(getattr(self, name) or default)
+            for name, default in needed.items()
+        }
 
     @model_validator(mode="after")
     def _check_constants(self) -> Self:
@@ -112,7 +147,9 @@ class ReadyEffect(Model):
         for name, default in needed.items():
             if getattr(self, name) is None and default is None:
                 example = (type(self).model_fields[name].examples or [""])[0]
-                raise refusal(f"a {self.type} effect needs '{name}', such as {name}: {example}")
+                raise refusal(
+                    f"a {self.type} effect needs '{name}', such as {name}: {example}"
+                )
         if self.velocity is not None and self.velocity.strip(" 0.") == "":
             raise refusal("a Stribeck velocity is not 0")
         return self
@@ -122,7 +159,9 @@ class ActionEntry(Model):
     """Where a parameter acts, and the function that multiplies it."""
 
     at: Name = required("Coordinate or actuator.", "m5")
-    side: Side | None = optional(None, "Which of the two; by default the actuator.", "joint")
+    side: Side | None = optional(
+        None, "Which of the two; by default the actuator.", "joint"
+    )
     term: Expression = required(
         "q, qd, qdd of the place itself, qd[j5] of another one, i for its measured input; sin cos tan exp "
         "log sinh cosh tanh asin acos atan atan2 sqrt abs sign max min.",
@@ -136,18 +175,26 @@ class OwnEffect(Model):
     parameter: Name = required("Name of the parameter.", "Fvm6")
     unit: str = optional("", "Its SI unit.", "N·m·s/rad")
     value: Expression | None = optional(None, "Its value, if known.", "0.2")
-    acts: Annotated[tuple[ActionEntry, ...], AS_LIST] = required("Where it acts.", [{"at": "m5", "term": "qd[m6]"}])
+    acts: Annotated[tuple[ActionEntry, ...], AS_LIST] = required(
+        "Where it acts.", [{"at": "m5", "term": "qd[m6]"}]
+    )
 
 
 def usual_ready_or_own(value: object) -> str:
     """Tag of an effect."""
     if value == "usual":
         return "usual"
-    return "own" if isinstance(value, dict) and value.keys() & {"parameter", "acts", "term"} else "ready"
+    return (
+        "own"
+        if isinstance(value, dict) and value.keys() & {"parameter", "acts", "term"}
+        else "ready"
+    )
 
 
 EffectEntry = Annotated[
-    Annotated[OwnEffect, Tag("own")] | Annotated[ReadyEffect, Tag("ready")] | Annotated[Literal["usual"], Tag("usual")],
+    Annotated[OwnEffect, Tag("own")]
+    | Annotated[ReadyEffect, Tag("ready")]
+    | Annotated[Literal["usual"], Tag("usual")],
     Discriminator(usual_ready_or_own),
 ]
 
@@ -161,10 +208,15 @@ def effect_list(value: object) -> object:
     if isinstance(value, str):
         value = [] if value == "none" else [value]
     if isinstance(value, dict):
-        return [entry for key, some in value.items() for entry in _of_one(str(key), some)]
+        return [
+            entry for key, some in value.items() for entry in _of_one(str(key), some)
+        ]
     if isinstance(value, list | tuple):
         return [
-            {"type": entry, "at": "all"} if isinstance(entry, str) and entry != "usual" else entry for entry in value
+            {"type": entry, "at": "all"}
+            if isinstance(entry, str) and entry != "usual"
+            else entry
+            for entry in value
         ]
     return value
 
@@ -172,18 +224,38 @@ def effect_list(value: object) -> object:
 def _of_one(key: str, value: object) -> list[object]:
     """Effects of one type, or at one place."""
     if key in KINDS:
-        return [{"type": key, **value} if isinstance(value, dict) else {"type": key, "at": value}]
+        return [
+            {"type": key, **value}
+            if isinstance(value, dict)
+            else {"type": key, "at": value}
+        ]
     if isinstance(value, dict) and not {"type", "parameter"} & value.keys():
-        value = [{"type": kind, **(options if isinstance(options, dict) else {})} for kind, options in value.items()]
-    return [_placed(key, entry) for entry in (value if isinstance(value, list | tuple) else [value])]
+        value = [
+            {"type": kind, **(options if isinstance(options, dict) else {})}
+            for kind, options in value.items()
+        ]
+    return [
+        _placed(key, entry)
+        for entry in (value if isinstance(value, list | tuple) else [value])
+    ]
 
 
 def _placed(place: str, entry: object) -> object:
     if isinstance(entry, str):
         return {"type": entry, "at": place}
     if isinstance(entry, dict) and isinstance(entry.get("acts"), list):
-        return {**entry, "acts": [{"at": place, **act} if isinstance(act, dict) else act for act in entry["acts"]]}
-    return {"at": place, **entry} if isinstance(entry, dict) and "parameter" not in entry else entry
+        return {
+            **entry,
+            "acts": [
+                {"at": place, **act} if isinstance(act, dict) else act
+                for act in entry["acts"]
+            ],
+        }
+    return (
+        {"at": place, **entry}
+        if isinstance(entry, dict) and "parameter" not in entry
+        else entry
+    )
 
 
 class RotorEntry(Model):
@@ -192,10 +264,16 @@ class RotorEntry(Model):
     name: Name = required("Name of the rotor.", "rotor3")
     on: Name = required("Body that carries it, or base.", "link2")
     drives: Expression | LinearTerms = required(
-        "Angle of the rotor against its carrier as a combination of joint coordinates.", "100*j3", "m5"
+        "Angle of the rotor against its carrier as a combination of joint coordinates.",
+        "100*j3",
+        "m5",
     )
     axis: Direction = optional("z", "Axis in the rotor's frame.", "z")
-    frame: Frame = optional(Frame.model_construct(), "The rotor's frame on its carrier.", {"rpy": ["pi/2", 0, 0]})
+    frame: Frame = optional(
+        Frame.model_construct(),
+        "The rotor's frame on its carrier.",
+        {"rpy": ["pi/2", 0, 0]},
+    )
     label: Name | None = optional(None, "Ends the names of its parameters.", "m3")
 
 
@@ -216,23 +294,33 @@ class JointOutput(Model):
     """A torque or force sensor in a joint, on the joint's side of the drive."""
 
     joint: Name = required("Joint coordinate, or all.", "j1", "all")
-    name: Name | None = optional(None, "Name of the output; default: the coordinate.", "tau1")
+    name: Name | None = optional(
+        None, "Name of the output; default: the coordinate.", "tau1"
+    )
 
 
 class ActuatorOutput(Model):
     """Torque, force or current of an actuator."""
 
     actuator: Name = required("Actuator, or all.", "m5", "all")
-    name: Name | None = optional(None, "Name of the output; default: the actuator.", "i5")
+    name: Name | None = optional(
+        None, "Name of the output; default: the actuator.", "i5"
+    )
 
 
 class WrenchOutput(Model):
     """A force/torque sensor between a body and its parent, or under the base."""
 
-    wrench: Name = required("Body that is carried by the sensor; base for all of them.", "hand")
+    wrench: Name = required(
+        "Body that is carried by the sensor; base for all of them.", "hand"
+    )
     name: Name | None = optional(None, "Name of the sensor; default: the body.", "ft")
-    frame: Frame = optional(Frame.model_construct(), "The sensor's frame.", {"xyz": [0, 0, "0.05"]})
-    fixed_to: Literal["body", "parent"] = optional("body", "What the sensor's frame is fixed to.", "parent")
+    frame: Frame = optional(
+        Frame.model_construct(), "The sensor's frame.", {"xyz": [0, 0, "0.05"]}
+    )
+    fixed_to: Literal["body", "parent"] = optional(
+        "body", "What the sensor's frame is fixed to.", "parent"
+    )
     components: Annotated[tuple[Component, ...], AS_LIST] = optional(
         COMPONENTS, "Forces and torques along the axes of the frame.", ["tz"]
     )
@@ -255,5 +343,9 @@ OutputEntry = Annotated[
     | Annotated[WrenchOutput, Tag("wrench")]
     | Annotated[SumOutput, Tag("sum")],
     # the key that says what it measures
-    Discriminator(lambda value: next((key for key in _MEASURED if isinstance(value, dict) and key in value), None)),
+    Discriminator(
+        lambda value: next(
+            (key for key in _MEASURED if isinstance(value, dict) and key in value), None
+        )
+    ),
 ]

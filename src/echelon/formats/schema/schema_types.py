@@ -15,7 +15,16 @@ import re
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from echelon.exact.expressions import PER_PI, PI, is_whole, parse, pi_generators
@@ -72,7 +81,9 @@ def _flag(value: object) -> object:
 
 def _version(value: object) -> object:
     if isinstance(value, bool) or str(value) != "1":
-        raise refusal(f"this is version {kind_of(value)} of the format; this program reads version 1: 'echelon: 1'")
+        raise refusal(
+            f"this is version {kind_of(value)} of the format; this program reads version 1: 'echelon: 1'"
+        )
     return 1
 
 
@@ -109,22 +120,32 @@ Expression = Annotated[
 ]
 """The text of an exact expression."""
 
-Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": ["string", "integer"]})]
+Name = Annotated[
+    str, BeforeValidator(_name), WithJsonSchema({"type": ["string", "integer"]})
+]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 Version = Annotated[Literal[1], BeforeValidator(_version)]
 Triple = Annotated[
-    tuple[Expression, Expression, Expression], sized(3, "a list of three expressions such as [0, 0, 0.333]")
+    tuple[Expression, Expression, Expression],
+    sized(3, "a list of three expressions such as [0, 0, 0.333]"),
 ]
 Matrix = Annotated[
-    tuple[Triple, Triple, Triple], sized(3, "a list of three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]")
+    tuple[Triple, Triple, Triple],
+    sized(3, "a list of three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]"),
 ]
-Ten = Annotated[tuple[Expression, ...], sized(10, "a list of ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M")]
+Ten = Annotated[
+    tuple[Expression, ...],
+    sized(10, "a list of ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M"),
+]
 Part = Annotated[
     str | None,
     BeforeValidator(lambda value: None if value is None else _name(value)),
     WithJsonSchema({"type": ["string", "integer", "null"]}),
 ]
-PairOfParts = Annotated[tuple[Part, Part], sized(2, "a list of two names of bodies such as [coupler, rocker]")]
+PairOfParts = Annotated[
+    tuple[Part, Part],
+    sized(2, "a list of two names of bodies such as [coupler, rocker]"),
+]
 
 AS_LIST = BeforeValidator(_items)
 AS_ROWS = BeforeValidator(_rows)
@@ -143,14 +164,18 @@ def number(value: object) -> float:
     try:
         expression = parse(text)
         if not set(expression.symbols()) <= {PI, PER_PI}:
-            raise refusal(f"needs a number or an expression of numbers and pi, found '{text}'")
+            raise refusal(
+                f"needs a number or an expression of numbers and pi, found '{text}'"
+            )
         return expression.at(pi_generators(math.pi))
     except ValueError as error:
         raise refusal(str(error)) from None
 
 
 def _real(value: object) -> float:
-    return float(str(value)) if _INFINITE.fullmatch(str(value).strip()) else number(value)
+    return (
+        float(str(value)) if _INFINITE.fullmatch(str(value).strip()) else number(value)
+    )
 
 
 def _whole(value: object) -> int:
@@ -162,8 +187,12 @@ def _whole(value: object) -> int:
 
 SCALAR: dict[str, Any] = {"type": ["number", "string"]}
 Number = Annotated[float, BeforeValidator(number), WithJsonSchema(SCALAR)]
-Real = Annotated[float, BeforeValidator(_real), WithJsonSchema(SCALAR)]  # a number or ``inf``
-Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
+Real = Annotated[
+    float, BeforeValidator(_real), WithJsonSchema(SCALAR)
+]  # a number or ``inf``
+Whole = Annotated[
+    int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})
+]
 
 
 # -- which of several forms a value has -----------------------------------------------------------------------------
@@ -174,12 +203,18 @@ _FORMS: dict[str, Any] = {"mapping": dict, "list": (list, tuple), "null": type(N
 
 def by_form(usual: str, *others: str) -> Discriminator:
     """Tells apart values that may be a mapping, a list or null; what is none of the others has the usual form."""
-    return Discriminator(lambda value: next((form for form in others if isinstance(value, _FORMS[form])), usual))
+    return Discriminator(
+        lambda value: next(
+            (form for form in others if isinstance(value, _FORMS[form])), usual
+        )
+    )
 
 
 def by_key(key: str, usual: str) -> Discriminator:
     """Tells mappings that have a key, which is their tag, from the usual ones."""
-    return Discriminator(lambda value: key if isinstance(value, dict) and key in value else usual)
+    return Discriminator(
+        lambda value: key if isinstance(value, dict) and key in value else usual
+    )
 
 
 # -- keys -----------------------------------------------------------------------------------------------------------
@@ -196,7 +231,10 @@ def optional(default: Any, meaning: str, *examples: Any) -> Any:
 
 
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
-Axis = Annotated[Annotated[Direction, Tag("text")] | Annotated[Triple, Tag("list")], by_form("text", "list")]
+Axis = Annotated[
+    Annotated[Direction, Tag("text")] | Annotated[Triple, Tag("list")],
+    by_form("text", "list"),
+]
 
 
 class Model(BaseModel):
@@ -211,13 +249,21 @@ class Model(BaseModel):
         # what rows and bodies share is listed last, behind what distinguishes them
         valid = sorted(cls.model_fields, key=lambda key: key in _SHARED)
         if not isinstance(data, dict):
-            raise refusal(f"needs a mapping with the keys {', '.join(valid)}; found {kind_of(data)}")
+            raise refusal(
+                f"needs a mapping with the keys {', '.join(valid)}; found {kind_of(data)}"
+            )
         for key in data:
             if key not in valid:
                 renamed = _RENAMED.get(str(key), ("", ""))
-                hint = f"; {renamed[1]}" if renamed[0] in valid else nearest(str(key), valid)
+                hint = (
+                    f"; {renamed[1]}"
+                    if renamed[0] in valid
+                    else nearest(str(key), valid)
+                )
                 problem = f"unknown key{hint} (valid: {', '.join(valid)})"
-                raise PydanticCustomError("unknown_key", "{problem}", {"problem": problem, "key": str(key)})
+                raise PydanticCustomError(
+                    "unknown_key", "{problem}", {"problem": problem, "key": str(key)}
+                )
         return data
 
 
@@ -227,7 +273,9 @@ def exactly_one(*keys: str) -> Any:
     def check(model: Model) -> Model:
         stated = [key for key in keys if getattr(model, key) is not None]
         if len(stated) != 1:
-            raise refusal(f"give exactly one of {', '.join(keys)}; found {' and '.join(stated) or 'none of them'}")
+            raise refusal(
+                f"give exactly one of {', '.join(keys)}; found {' and '.join(stated) or 'none of them'}"
+            )
         return model
 
     return model_validator(mode="after")(check)
@@ -238,7 +286,9 @@ class Frame(Model):
 
     xyz: Triple = optional(("0", "0", "0"), "Translation, m.", [0, 0, "l1"])
     rpy: Triple | None = optional(
-        None, "Rotations about the fixed x, y, z axes, in this order, rad: Rz(yaw) Ry(pitch) Rx(roll).", ["pi/2", 0, 0]
+        None,
+        "Rotations about the fixed x, y, z axes, in this order, rad: Rz(yaw) Ry(pitch) Rx(roll).",
+        ["pi/2", 0, 0],
     )
     rotation: Matrix | None = optional(
         None,
@@ -256,27 +306,38 @@ class Frame(Model):
 class MotionStep(Model):
     """One elementary motion of a custom joint."""
 
-    motion: Literal["rotation", "translation", "screw", "ball"] = required("Kind of the motion.", "rotation")
+    motion: Literal["rotation", "translation", "screw", "ball"] = required(
+        "Kind of the motion.", "rotation"
+    )
     name: Name = required("Name of the coordinate.", "wrist.1")
     axis: Direction = optional("z", "Coordinate axis of the frame that it moves.", "x")
     pitch: Expression = optional("0", "Travel of a screw, m/rad.", "0.002")
 
 
-Step = Annotated[Annotated[MotionStep, Tag("motion")] | Annotated[Frame, Tag("frame")], by_key("motion", "frame")]
+Step = Annotated[
+    Annotated[MotionStep, Tag("motion")] | Annotated[Frame, Tag("frame")],
+    by_key("motion", "frame"),
+]
 
 
 class _Joint(Model):
-    name: str | None = optional(None, "Name of the joint and of its coordinate; default: the body's name.", "elbow")
+    name: str | None = optional(
+        None,
+        "Name of the joint and of its coordinate; default: the body's name.",
+        "elbow",
+    )
     origin: Frame = optional(
-        Frame.model_construct(), "Frame of the joint in the frame of the parent body.", {"xyz": [0, 0, "l1"]}
+        Frame.model_construct(),
+        "Frame of the joint in the frame of the parent body.",
+        {"xyz": [0, 0, "l1"]},
     )
 
 
 class AxisJoint(_Joint):
     """One axis: the body turns about it, slides along it, or both; the axis of a planar joint is the plane's normal."""
 
-    type: Literal["revolute", "continuous", "prismatic", "cylindrical", "planar"] = required(
-        "Type of the joint.", "revolute"
+    type: Literal["revolute", "continuous", "prismatic", "cylindrical", "planar"] = (
+        required("Type of the joint.", "revolute")
     )
     axis: Axis = required("Axis in the joint's frame.", "z", [0, "0.6", "0.8"])
 
@@ -299,29 +360,42 @@ class UniversalJoint(_Joint):
     @model_validator(mode="after")
     def _check_axes(self) -> Self:
         if self.axis[-1] == self.axis2[-1]:
-            raise refusal(f"axis2 must be perpendicular to axis, so not along {self.axis[-1]}")
+            raise refusal(
+                f"axis2 must be perpendicular to axis, so not along {self.axis[-1]}"
+            )
         return self
 
 
 class PlainJoint(_Joint):
     """A joint without an axis."""
 
-    type: Literal["spherical", "floating", "fixed"] = required("Type of the joint.", "spherical")
+    type: Literal["spherical", "floating", "fixed"] = required(
+        "Type of the joint.", "spherical"
+    )
 
 
 class CustomJoint(Model):
     """Any sequence of frames and elementary motions."""
 
     type: Literal["custom"] = required("Type of the joint.", "custom")
-    kind: str = optional("custom", "What the joint is called in results.", "offset hinge")
-    name: str | None = optional(None, "Name of the joint; default: the body's name. Motions have their own.", "wrist")
+    kind: str = optional(
+        "custom", "What the joint is called in results.", "offset hinge"
+    )
+    name: str | None = optional(
+        None,
+        "Name of the joint; default: the body's name. Motions have their own.",
+        "wrist",
+    )
     steps: Annotated[tuple[Step, ...], AS_LIST] = required(
         "From the parent's frame to the body's.",
         [{"motion": "rotation", "name": "wrist.1", "axis": "x"}, {"xyz": ["e", 0, 0]}],
     )
 
 
-Joint = Annotated[AxisJoint | HelicalJoint | UniversalJoint | PlainJoint | CustomJoint, Field(discriminator="type")]
+Joint = Annotated[
+    AxisJoint | HelicalJoint | UniversalJoint | PlainJoint | CustomJoint,
+    Field(discriminator="type"),
+]
 
 
 if TYPE_CHECKING:
@@ -334,9 +408,12 @@ _WITHOUT_AXIS = ("weld", "spherical", "points")
 class LoopEntry(Model):
     """A joint that closes a loop: it holds a frame of one body against a frame of another."""
 
-    name: Name | None = optional(None, "Name of the loop; default loop1, loop2, …", "rocker")
+    name: Name | None = optional(
+        None, "Name of the loop; default loop1, loop2, …", "rocker"
+    )
     joint: LoopJoint = required(
-        "Kind of the joint; points is another word for spherical, axes for cylindrical.", "revolute"
+        "Kind of the joint; points is another word for spherical, axes for cylindrical.",
+        "revolute",
     )
     connects: PairOfParts = required(
         "Names of the first and the second body, or of frames on them; base for the base, null for the fixed world.",
@@ -355,7 +432,9 @@ class LoopEntry(Model):
         {"xyz": ["l4", 0, 0]},
     )
     axis: Axis | None = optional(
-        None, "Direction of the joint's axis, or of the normal of its plane, in at and on_second, if not z.", "y"
+        None,
+        "Direction of the joint's axis, or of the normal of its plane, in at and on_second, if not z.",
+        "y",
     )
 
     @model_validator(mode="after")
@@ -363,11 +442,16 @@ class LoopEntry(Model):
         if self.axis is not None and self.joint in _WITHOUT_AXIS:
             raise refusal(f"a {self.joint} joint has no axis")
         if self.axis is not None and self.joint == "universal":
-            raise refusal("a universal joint has two axes, x of at and y of on_second: turn these frames by rpy")
+            raise refusal(
+                "a universal joint has two axes, x of at and y of on_second: turn these frames by rpy"
+            )
         return self
 
 
-Loop = Annotated[Annotated[LoopEntry, Tag("mapping")] | Annotated[PairOfParts, Tag("list")], by_form("mapping", "list")]
+Loop = Annotated[
+    Annotated[LoopEntry, Tag("mapping")] | Annotated[PairOfParts, Tag("list")],
+    by_form("mapping", "list"),
+]
 """A joint, or the names of two frames that are held together in all six directions."""
 
 
@@ -381,12 +465,15 @@ class SplineFunction(Model):
         "Of the coordinate, its square, its cube and so on.", ["1/2", "0", "0.1"]
     )
     knots: Annotated[tuple[Pair, ...], AS_LIST] = optional(
-        (), "Pairs x, c: c times the cube of the distance from x is added beyond x, seen from zero.", [["0.5", "0.2"]]
+        (),
+        "Pairs x, c: c times the cube of the distance from x is added beyond x, seen from zero.",
+        [["0.5", "0.2"]],
     )
 
 
 TermEntry = Annotated[
-    Annotated[Expression, Tag("text")] | Annotated[SplineFunction, Tag("mapping")], by_form("text", "mapping")
+    Annotated[Expression, Tag("text")] | Annotated[SplineFunction, Tag("mapping")],
+    by_form("text", "mapping"),
 ]
 
 
@@ -394,7 +481,8 @@ class CouplingTerms(Model):
     """A dependent coordinate term by term, for coordinates whose names cannot stand in an expression."""
 
     terms: dict[str, TermEntry] = required(
-        "Ratio to each independent coordinate, or another function of it.", {"left-knee": "1/2"}
+        "Ratio to each independent coordinate, or another function of it.",
+        {"left-knee": "1/2"},
     )
     offset: Expression = optional("0", "Constant part, rad or m.", "pi/2")
 
@@ -420,6 +508,12 @@ CouplingEntry = Annotated[
     | Annotated[CouplingTerms, Tag("mapping")]
     | Annotated[CouplingSpline, Tag("spline")],
     Discriminator(
-        lambda value: "text" if not isinstance(value, dict) else "spline" if "spline" in value else "mapping"
+        lambda value: (
+            "text"
+            if not isinstance(value, dict)
+            else "spline"
+            if "spline" in value
+            else "mapping"
+        )
     ),
 ]

@@ -33,7 +33,12 @@ from echelon.formats.literal import (
     central_inertial,
     numeric_placements,
 )
-from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
+from echelon.formats.mjcf.mjcf_numbers import (
+    exact_angle,
+    exact_number,
+    placements,
+    placements_of,
+)
 from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step, tiny_notes
 from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.formats.urdf.sdf_vocabulary import MODEL_NAMES, SDF
@@ -48,23 +53,33 @@ _WORLDS_GRAVITY = "0 0 -9.8"  # of a world that states none, by the specificatio
 _SIX, _SEVEN = 6, 7
 _DIGITS = 15  # decimals of a metre
 _MOST_GENERAL = 2  # rotations by general angles that are multiplied exactly; products of more have too many terms
-_AXIS_IN_JOINT = (1, 5)  # from this version of the format on, axes are stated in the joint's frame
+_AXIS_IN_JOINT = (
+    1,
+    5,
+)  # from this version of the format on, axes are stated in the joint's frame
 
 
-def read_sdf(root: Any, source: str, *, mimics: bool = True, model: str = "") -> LiteralTree:
+def read_sdf(
+    root: Any, source: str, *, mimics: bool = True, model: str = ""
+) -> LiteralTree:
     """The tree of the one model that moves in an SDF document, or of the one with a given name."""
     worlds = root.findall("world")
     found = [model for place in (root, *worlds) for model in place.findall("model")]
-    models = [m for m in found if m.find("joint") is not None and not _says(m.findtext("static", "false"))]
+    models = [
+        m
+        for m in found
+        if m.find("joint") is not None and not _says(m.findtext("static", "false"))
+    ]
     names = [str(m.get("name")) for m in models]
     if not models:
         raise InputError("needs one model with joints, found none", source=source)
     if model and model not in names:
-        raise InputError(f"there is no model '{model}' with joints{nearest_of(model, names)}", source=source)
-    if len(models) > 1 and not model:
-        problem = (
-            f"several models have joints, {in_quotes(names)}: choose one by its name (--model {names[0]}, or model="
+        raise InputError(
+            f"there is no model '{model}' with joints{nearest_of(model, names)}",
+            source=source,
         )
+    if len(models) > 1 and not model:
+        problem = f"several models have joints, {in_quotes(names)}: choose one by its name (--model {names[0]}, or model="
         raise InputError(f"{problem} of echelon.load)", source=source)
     chosen = models[names.index(model) if model else 0]
     gravity = worlds[0].findtext("gravity", _WORLDS_GRAVITY) if worlds else None
@@ -75,7 +90,9 @@ def _says(flag: str) -> bool:
     return flag.strip() in ("true", "1")
 
 
-_SCREWS_TRAVEL = "1"  # metres per turn of a screw that states no pitch, by the specification
+_SCREWS_TRAVEL = (
+    "1"  # metres per turn of a screw that states no pitch, by the specification
+)
 _AXES = {
     "revolute": (MotionKind.ROTATION,),
     "continuous": (MotionKind.ROTATION,),
@@ -101,7 +118,9 @@ class _Frame:
 
     name: str
     kind: str  # tag of the element that states it
-    carrier: str  # the frame with which it moves; empty for a link, which moves by itself
+    carrier: (
+        str  # the frame with which it moves; empty for a link, which moves by itself
+    )
     base: str  # the frame in which its pose is stated
     pose: tuple[LiteralPlacement, ...]
 
@@ -132,7 +151,10 @@ class _Frames(ExactXml):
     def place(self, frame: _Frame) -> None:
         """One more frame, whose name nothing else has."""
         if frame.name in self.known:
-            raise self.error("this name occurs twice; names must be unique", f"{frame.kind} '{frame.name}'")
+            raise self.error(
+                "this name occurs twice; names must be unique",
+                f"{frame.kind} '{frame.name}'",
+            )
         self.known[frame.name] = frame
 
     def link(self, name: str, element: str) -> str:
@@ -140,18 +162,27 @@ class _Frames(ExactXml):
         seen: list[str] = []
         while self._known(name, element).carrier:
             if name in seen:
-                raise self.error(f"the frames {' -> '.join([*seen, name])} are attached in a circle", element)
+                raise self.error(
+                    f"the frames {' -> '.join([*seen, name])} are attached in a circle",
+                    element,
+                )
             seen.append(name)
             name = self.known[name].carrier
         return name
 
-    def between(self, start: str, end: str, element: str) -> tuple[LiteralPlacement, ...]:
+    def between(
+        self, start: str, end: str, element: str
+    ) -> tuple[LiteralPlacement, ...]:
         """The placements from one frame to another one."""
         down, up = self._way(end, element), self._way(start, element)
         common = 0
         while common < min(len(down), len(up)) and down[common] == up[common]:
             common += 1
-        inward = [replace(p, inverse=True) for name in reversed(up[common:]) for p in reversed(self.known[name].pose)]
+        inward = [
+            replace(p, inverse=True)
+            for name in reversed(up[common:])
+            for p in reversed(self.known[name].pose)
+        ]
         way = (*inward, *(p for name in down[common:] for p in self.known[name].pose))
         if sum(_is_general(p) for p in way) <= _MOST_GENERAL:
             return way
@@ -164,14 +195,20 @@ class _Frames(ExactXml):
         way: list[str] = []
         while name:
             if name in way:
-                raise self.error(f"the poses of {' -> '.join([*way, name])} refer to each other in a circle", element)
+                raise self.error(
+                    f"the poses of {' -> '.join([*way, name])} refer to each other in a circle",
+                    element,
+                )
             way.append(name)
             name = self._known(name, element).base
         return way[::-1]
 
     def _known(self, name: str, element: str) -> _Frame:
         if name not in self.known:
-            raise self.error(f"there is no link, joint or frame '{name}'{nearest_of(name, self.known)}", element)
+            raise self.error(
+                f"there is no link, joint or frame '{name}'{nearest_of(name, self.known)}",
+                element,
+            )
         return self.known[name]
 
     # -- numbers ---------------------------------------------------------------------------------------------------
@@ -185,12 +222,17 @@ class _Frames(ExactXml):
         turned = stated.get("rotation_format", "euler_rpy") == "quat_xyzw"
         numbers = [self.number(part, f"{where} pose") for part in text.split()]
         if len(numbers) != (_SEVEN if turned else _SIX):
-            raise self.error(f"needs {_SEVEN if turned else _SIX} numbers, found '{text.strip()}'", f"{where} pose")
+            raise self.error(
+                f"needs {_SEVEN if turned else _SIX} numbers, found '{text.strip()}'",
+                f"{where} pose",
+            )
         x, y, z, *rest = numbers
         if turned and not any(rest):
             raise self.error("the quaternion is zero", f"{where} pose")
         if turned:
-            return placements(f"{where} pose", (x, y, z), [float(rest[k]) for k in (3, 0, 1, 2)])
+            return placements(
+                f"{where} pose", (x, y, z), [float(rest[k]) for k in (3, 0, 1, 2)]
+            )
         if _says(stated.get("degrees", "false")):
             rest = [exact_angle(radians(angle)) for angle in rest]
         roll, pitch, yaw = rest
@@ -202,7 +244,10 @@ class _Reader(_Frames):
         super().__init__(source)
         self.model = model
         self.notes = [*unread(root, SDF, source), *unread(model, MODEL_NAMES, source)]
-        version = tuple(int(part) if part.isdigit() else 0 for part in root.get("version", "1.12").split("."))
+        version = tuple(
+            int(part) if part.isdigit() else 0
+            for part in root.get("version", "1.12").split(".")
+        )
         self.axis_in_joint = version >= _AXIS_IN_JOINT
         self.links = dict(self._named("link"))
         self._add_frames()
@@ -223,7 +268,9 @@ class _Reader(_Frames):
             self.source,
             links,
             stated if mimics else (),
-            (0, 0, 0) if weightless else self.triple(gravity, LiteralTree("", "", ()).gravity, "gravity"),
+            (0, 0, 0)
+            if weightless
+            else self.triple(gravity, LiteralTree("", "", ()).gravity, "gravity"),
             (*self.notes, *tiny_notes(self.tiny)),
             root_is_world=True,
             closures=closures,
@@ -243,10 +290,16 @@ class _Reader(_Frames):
     def _add_frames(self) -> None:
         """The frames of the model, its links, its joints, and those that it names."""
         where = f"model '{self.model.get('name')}'"
-        found = [tag for tag in ("model", "include") if self.model.find(tag) is not None]
+        found = [
+            tag for tag in ("model", "include") if self.model.find(tag) is not None
+        ]
         found += ["placement_frame"] if self.model.get("placement_frame") else []
         if found or not self.links:
-            problem = f"has <{found[0]}>, which is not read: write one model of links" if found else "has no links"
+            problem = (
+                f"has <{found[0]}>, which is not read: write one model of links"
+                if found
+                else "has no links"
+            )
             raise self.error(problem, where)
         carrier = self.model.get("canonical_link") or next(iter(self.links))
         self.place(_Frame(MODEL, "model", carrier, WORLD, self.pose(self.model, where)))
@@ -275,10 +328,17 @@ class _Reader(_Frames):
         where, kind = f"joint '{name}'", joint.get("type")
         if kind not in _JOINT_TYPES:
             valid = ", ".join(_JOINT_TYPES)
-            raise self.error(f"unknown or unsupported joint type '{kind}' (valid: {valid})", where)
-        parent, child = (self.link(self._end(joint, tag, where), where) for tag in ("parent", "child"))
+            raise self.error(
+                f"unknown or unsupported joint type '{kind}' (valid: {valid})", where
+            )
+        parent, child = (
+            self.link(self._end(joint, tag, where), where)
+            for tag in ("parent", "child")
+        )
         if parent == child:
-            raise self.error(f"connects link '{parent}' with itself: name another <parent>", where)
+            raise self.error(
+                f"connects link '{parent}' with itself: name another <parent>", where
+            )
         return _Joint(where, name, kind, parent, child, joint)
 
     # -- tree ------------------------------------------------------------------------------------------------------
@@ -289,14 +349,22 @@ class _Reader(_Frames):
         start = WORLD
         if not any(WORLD in (joint.parent, joint.child) for joint in self.joints):
             children = {joint.child for joint in self.joints}
-            start = next((link for link in self.links if link not in children), next(iter(self.links)))
-            self.notes.append(f"nothing holds link '{start}' in the world; it is read as fixed (--floating frees it)")
+            start = next(
+                (link for link in self.links if link not in children),
+                next(iter(self.links)),
+            )
+            self.notes.append(
+                f"nothing holds link '{start}' in the world; it is read as fixed (--floating frees it)"
+            )
         order, carried, pending = [WORLD], dict[str, _Joint](), [start]
         while pending:
             link = pending.pop()
             order += [] if link == WORLD else [link]
             next_ones = [
-                joint for joint in kept if link in (joint.parent, joint.child) and carried.get(link) is not joint
+                joint
+                for joint in kept
+                if link in (joint.parent, joint.child)
+                and carried.get(link) is not joint
             ]
             carried |= {joint.other(link): joint for joint in next_ones}
             pending += [joint.other(link) for joint in reversed(next_ones)]
@@ -320,25 +388,38 @@ class _Reader(_Frames):
                 kept.append(joint)
         return [joint for joint in self.joints if joint in kept]
 
-    def _link(self, name: str, joint: _Joint | None, position: dict[str, int]) -> LiteralLink:
+    def _link(
+        self, name: str, joint: _Joint | None, position: dict[str, int]
+    ) -> LiteralLink:
         if name == WORLD:
             return LiteralLink(WORLD, -1, "", "root", ())
         if joint is None:
-            return LiteralLink(name, 0, name, "fixed", self.between(WORLD, name, name), self._inertial(name))
+            return LiteralLink(
+                name,
+                0,
+                name,
+                "fixed",
+                self.between(WORLD, name, name),
+                self._inertial(name),
+            )
         carrier = joint.other(name)
         steps = (
             *self.between(carrier, joint.name, joint.element),
             *self._motions(joint, backwards=carrier == joint.child),
             *self.between(joint.name, name, joint.element),
         )
-        return LiteralLink(name, position[carrier], joint.name, joint.kind, steps, self._inertial(name))
+        return LiteralLink(
+            name, position[carrier], joint.name, joint.kind, steps, self._inertial(name)
+        )
 
     # -- links -----------------------------------------------------------------------------------------------------
 
     def _frame(self, frame: _Frame, position: dict[str, int]) -> LiteralFrame:
         where = f"{frame.kind} '{frame.name}'"
         link = self.link(frame.name, where)
-        return LiteralFrame(frame.name, position[link], self.between(link, frame.name, where))
+        return LiteralFrame(
+            frame.name, position[link], self.between(link, frame.name, where)
+        )
 
     @staticmethod
     def _is_weightless(link: Any) -> bool:
@@ -346,9 +427,17 @@ class _Reader(_Frames):
 
     def _left_out(self) -> Iterator[str]:
         """Notes about what links state and no rigid body has."""
-        weightless = [name for name, link in self.links.items() if self._is_weightless(link)]
-        fluid = [name for name, link in self.links.items() if link.find("inertial/fluid_added_mass") is not None]
-        shaped = [name for name, link in self.links.items() if self._by_collisions(link)]
+        weightless = [
+            name for name, link in self.links.items() if self._is_weightless(link)
+        ]
+        fluid = [
+            name
+            for name, link in self.links.items()
+            if link.find("inertial/fluid_added_mass") is not None
+        ]
+        shaped = [
+            name for name, link in self.links.items() if self._by_collisions(link)
+        ]
         if weightless and len(weightless) < len(self.links):
             yield f"gravity counts for all links, though the file switches it off for {in_quotes(weightless)}"
         if fluid:
@@ -369,9 +458,14 @@ class _Reader(_Frames):
         def number(path: str, usual: str) -> float:
             return float(self.number(element.findtext(path, usual), f"{where} {path}"))
 
-        moments = [number(f"inertia/i{a}{b}", "1" if a == b else "0") for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")]
+        moments = [
+            number(f"inertia/i{a}{b}", "1" if a == b else "0")
+            for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+        ]
         frame = numeric_placements(self.pose(element, where))
-        return central_inertial(number("mass", "1"), frame[:3, 3], moments, frame[:3, :3])
+        return central_inertial(
+            number("mass", "1"), frame[:3, 3], moments, frame[:3, :3]
+        )
 
     # -- joints ----------------------------------------------------------------------------------------------------
 
@@ -386,35 +480,53 @@ class _Reader(_Frames):
             x, y, z = (-v for v in axis) if backwards else axis
             name = joint.name if len(kinds) == 1 else f"{joint.name}.{number}"
             pitch = self._pitch(joint) if kind is MotionKind.SCREW else Polynomial({})
-            motions.append(LiteralMotion(joint.element, name, kind, (x, y, z), turns, pitch))
+            motions.append(
+                LiteralMotion(joint.element, name, kind, (x, y, z), turns, pitch)
+            )
         return tuple(reversed(motions) if backwards else motions)
 
     def _pitch(self, joint: _Joint) -> Polynomial:
         """Travel of a screw along its axis, m/rad."""
-        per_turn, old = (joint.data.findtext(tag) for tag in ("screw_thread_pitch", "thread_pitch"))
-        if per_turn is None and old is not None:  # radians per metre, positive for a left-handed thread
+        per_turn, old = (
+            joint.data.findtext(tag) for tag in ("screw_thread_pitch", "thread_pitch")
+        )
+        if (
+            per_turn is None and old is not None
+        ):  # radians per metre, positive for a left-handed thread
             radians = self.number(old, f"{joint.element} thread_pitch")
             if not radians:
                 problem = "zero radians per metre: state <screw_thread_pitch>, in metres per turn"
                 raise self.error(problem, f"{joint.element} thread_pitch")
             return Polynomial.constant(-1 / Fraction(radians))
         if per_turn is None:
-            self.notes.append(f"{joint.element} states no screw_thread_pitch: by the specification, it is 1 m per turn")
-        travel = self.number(per_turn or _SCREWS_TRAVEL, f"{joint.element} screw_thread_pitch")
+            self.notes.append(
+                f"{joint.element} states no screw_thread_pitch: by the specification, it is 1 m per turn"
+            )
+        travel = self.number(
+            per_turn or _SCREWS_TRAVEL, f"{joint.element} screw_thread_pitch"
+        )
         return Polynomial.generator(PER_PI) * (Fraction(travel) / 2)
 
-    def _axis(self, joint: _Joint, tag: str) -> tuple[tuple[LiteralPlacement, ...], Triple]:
+    def _axis(
+        self, joint: _Joint, tag: str
+    ) -> tuple[tuple[LiteralPlacement, ...], Triple]:
         """The frame in which an axis is stated, as turns of the joint's frame, and the axis in it."""
         where = f"{joint.element} {tag}"
         element = joint.data.find(tag)
         if element is None:
             raise self.error(f"needs <{tag}> with <xyz>, such as 0 0 1", joint.element)
         direction = element.find("xyz")
-        axis = self.triple(None if direction is None else direction.text, _UP, f"{where} xyz")
+        axis = self.triple(
+            None if direction is None else direction.text, _UP, f"{where} xyz"
+        )
         if not any(axis):
-            raise self.error("the axis is zero; it needs a direction such as 0 0 1", f"{where} xyz")
+            raise self.error(
+                "the axis is zero; it needs a direction such as 0 0 1", f"{where} xyz"
+            )
         stated = None if direction is None else direction.get("expressed_in")
-        in_model = element.findtext("use_parent_model_frame", "false" if self.axis_in_joint else "true")
+        in_model = element.findtext(
+            "use_parent_model_frame", "false" if self.axis_in_joint else "true"
+        )
         if not stated and not _says(in_model):
             return (), axis
         turns = self.between(joint.name, stated or MODEL, where)
@@ -424,17 +536,29 @@ class _Reader(_Frames):
         """A joint that closes a loop: its frame on both links, and its axis."""
         if joint.kind not in _CLOSURES:
             kinds = ", ".join(_CLOSURES)
-            problem = (
-                f"it closes a loop, which a {joint.kind} joint cannot (these can: {kinds}): give that loop one of these"
-            )
+            problem = f"it closes a loop, which a {joint.kind} joint cannot (these can: {kinds}): give that loop one of these"
             raise self.error(problem, joint.element)
         axis = None
         if joint.kind in _AXES:
             turns, direction = self._axis(joint, "axis")
-            axis = LiteralMotion(joint.element, joint.name, MotionKind.ROTATION, direction, turns)
-        one, two = (self.between(end, joint.name, joint.element) for end in (joint.parent, joint.child))
+            axis = LiteralMotion(
+                joint.element, joint.name, MotionKind.ROTATION, direction, turns
+            )
+        one, two = (
+            self.between(end, joint.name, joint.element)
+            for end in (joint.parent, joint.child)
+        )
         first, second = position[joint.parent], position[joint.child]
-        return LiteralClosure(joint.element, joint.name, _CLOSURES[joint.kind], first, second, one, two, axis)
+        return LiteralClosure(
+            joint.element,
+            joint.name,
+            _CLOSURES[joint.kind],
+            first,
+            second,
+            one,
+            two,
+            axis,
+        )
 
     def _couplings(self) -> Iterator[StatedCoupling]:
         """The couplings that mimic elements state."""
@@ -452,14 +576,26 @@ class _Reader(_Frames):
                     )
             ratio, offset, reference = (
                 self.number(mimic.findtext(key, usual), f"{where} {key}")
-                for key, usual in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))
+                for key, usual in (
+                    ("multiplier", "1"),
+                    ("offset", "0"),
+                    ("reference", "0"),
+                )
             )
             constant = as_polynomial(offset - ratio * reference)
             if constant and joint.kind == "screw":
-                raise self.error("a screw follows others without an offset: put it into the poses of the links", where)
-            yield StatedCoupling(where, joint.name, {leader: linear(as_polynomial(ratio))}, constant)
+                raise self.error(
+                    "a screw follows others without an offset: put it into the poses of the links",
+                    where,
+                )
+            yield StatedCoupling(
+                where, joint.name, {leader: linear(as_polynomial(ratio))}, constant
+            )
 
 
 def _is_general(placement: LiteralPlacement) -> bool:
     """Whether a placement turns by angles that are no multiples of 15°."""
-    return any(abs(angle - nearest_step(angle)) > ANGLE_TOLERANCE for angle in map(float, placement.rpy))
+    return any(
+        abs(angle - nearest_step(angle)) > ANGLE_TOLERANCE
+        for angle in map(float, placement.rpy)
+    )

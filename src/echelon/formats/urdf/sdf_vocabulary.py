@@ -11,7 +11,9 @@ _INERTIAL = Element(
     {
         "pose": _POSE,
         "mass": _TEXT,
-        "inertia": Element(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), _TEXT)),
+        "inertia": Element(
+            dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), _TEXT)
+        ),
         # noted by the reader; densities matter to inertias that are left to collisions only
         "fluid_added_mass": Element(otherwise=Otherwise.QUIET),
         "density": _TEXT,
@@ -32,7 +34,9 @@ _LINK = Element(
 _AXIS = Element(
     {
         "xyz": Element(attributes="expressed_in"),
-        "mimic": Element(dict.fromkeys(("multiplier", "offset", "reference"), _TEXT), "joint axis"),
+        "mimic": Element(
+            dict.fromkeys(("multiplier", "offset", "reference"), _TEXT), "joint axis"
+        ),
         "use_parent_model_frame": _TEXT,
         "limit": Element(otherwise=Otherwise.QUIET),
         "dynamics": Element(
@@ -80,7 +84,9 @@ MODEL_NAMES = Element(
     harmless="static self_collide allow_auto_disable enable_wind gripper drake:collision_filter_group @version",
     listed="plugin joint_state link_state",
     single="pose",
-    advice={"": ".  Joints that close loops, or connect a link with several others, are <joint> elements"},
+    advice={
+        "": ".  Joints that close loops, or connect a link with several others, are <joint> elements"
+    },
 )
 """The vocabulary of a <model> that moves."""
 

@@ -15,7 +15,12 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.literal import LiteralClosure, LiteralPlacement, StatedCoupling, Triple
+from echelon.formats.literal import (
+    LiteralClosure,
+    LiteralPlacement,
+    StatedCoupling,
+    Triple,
+)
 from echelon.formats.mjcf.mjcf_equality import Relation, resolve
 from echelon.formats.mjcf.mjcf_numbers import exact_angle
 from echelon.formats.urdf.exact_xml import ExactXml
@@ -32,7 +37,11 @@ _ALONG_AXIS = {
     "cylindrical": ClosureKind.CYLINDRICAL,
     "planar": ClosureKind.PLANAR,
 }
-WITHOUT_AXIS = {"fixed": ClosureKind.WELD, "spherical": ClosureKind.SPHERICAL, "ball": ClosureKind.SPHERICAL}
+WITHOUT_AXIS = {
+    "fixed": ClosureKind.WELD,
+    "spherical": ClosureKind.SPHERICAL,
+    "ball": ClosureKind.SPHERICAL,
+}
 LOOP_KINDS = {**_ALONG_AXIS, **WITHOUT_AXIS}
 """Joints that close loops, by the types of URDF and its dialects."""
 
@@ -45,10 +54,14 @@ _POSE_NUMBERS = 6
 class UrdfLoops(ExactXml):
     """The closures that a URDF document states."""
 
-    def __init__(self, root: Any, source: str, position: Mapping[str, int], tiny: list[str]) -> None:
+    def __init__(
+        self, root: Any, source: str, position: Mapping[str, int], tiny: list[str]
+    ) -> None:
         super().__init__(source, tiny)
         self.root, self.position = root, position
-        self.advice = f"state the loop in {LOOP_BESIDE.format(file=PurePath(source).name)}"
+        self.advice = (
+            f"state the loop in {LOOP_BESIDE.format(file=PurePath(source).name)}"
+        )
         self._names: set[str] = set()
 
     def closures(self) -> Iterator[LiteralClosure]:
@@ -58,10 +71,19 @@ class UrdfLoops(ExactXml):
             "loop_joint": self._loop_joint,
             "drake:ball_constraint": self._ball_constraint,
         }
-        stated = [(element, readers[element.tag]) for element in self.root if element.tag in readers]
-        stated += [(element, self._gazebo_joint) for element in self.root.findall("gazebo/joint")]
+        stated = [
+            (element, readers[element.tag])
+            for element in self.root
+            if element.tag in readers
+        ]
+        stated += [
+            (element, self._gazebo_joint)
+            for element in self.root.findall("gazebo/joint")
+        ]
         for element, read in stated:
-            name = unused(element.get("name") or f"loop{len(self._names) + 1}", self._names)
+            name = unused(
+                element.get("name") or f"loop{len(self._names) + 1}", self._names
+            )
             closure = read(element, name)
             if closure is not None:
                 self._names.add(name)
@@ -77,7 +99,9 @@ class UrdfLoops(ExactXml):
         ends = [(tag, element.find(tag)) for tag in ("predecessor", "successor")]
         first, second = (self._link(end, tag, where) for tag, end in ends)
         at, on_second = (self.origin(end, f"{where} {tag}") for tag, end in ends)
-        return LiteralClosure(where, name, kind, first, second, (at, *aim), (on_second, *aim))
+        return LiteralClosure(
+            where, name, kind, first, second, (at, *aim), (on_second, *aim)
+        )
 
     def _loop_joint(self, element: Any, name: str) -> LiteralClosure:
         where = f"loop_joint '{name}'"
@@ -90,19 +114,33 @@ class UrdfLoops(ExactXml):
 
     def _ball_constraint(self, element: Any, name: str) -> LiteralClosure:
         where = f"drake:ball_constraint '{name}'"
-        stated = {child.tag.removeprefix("drake:ball_constraint_"): child for child in element}
-        first, second = (self._link(stated.get(tag), tag, where, "name") for tag in ("body_A", "body_B"))
-        at, on_second = (self._point(stated.get(tag), f"{where} {tag}") for tag in ("p_AP", "p_BQ"))
-        return LiteralClosure(where, name, ClosureKind.SPHERICAL, first, second, (at,), (on_second,))
+        stated = {
+            child.tag.removeprefix("drake:ball_constraint_"): child for child in element
+        }
+        first, second = (
+            self._link(stated.get(tag), tag, where, "name")
+            for tag in ("body_A", "body_B")
+        )
+        at, on_second = (
+            self._point(stated.get(tag), f"{where} {tag}") for tag in ("p_AP", "p_BQ")
+        )
+        return LiteralClosure(
+            where, name, ClosureKind.SPHERICAL, first, second, (at,), (on_second,)
+        )
 
     def _gazebo_joint(self, element: Any, name: str) -> LiteralClosure | None:
         where = f"gazebo joint '{name}'"
-        parent, child = ((element.findtext(tag) or "").strip() for tag in ("parent", "child"))
+        parent, child = (
+            (element.findtext(tag) or "").strip() for tag in ("parent", "child")
+        )
         root = next(iter(self.position))
         if (parent, child, element.get("type")) == (WORLD, root, "fixed"):
             return None  # the root is fixed anyway
         kind = self._kind(element, where, _OF_SDF)
-        first, second = self._index(child, "child", where), self._index(parent, "parent", where)
+        first, second = (
+            self._index(child, "child", where),
+            self._index(parent, "parent", where),
+        )
         pose = element.find("pose")
         if pose is not None and pose.get("relative_to", child) != child:
             problem = f"its pose is stated in '{pose.get('relative_to')}': state it in the child link, or {self.advice}"
@@ -119,8 +157,14 @@ class UrdfLoops(ExactXml):
     def _kind(self, element: Any, where: str, valid: Sequence[str]) -> ClosureKind:
         stated = element.get("type")
         if stated not in valid:
-            problem = f"its type is '{stated}'" if stated else "the attribute 'type' is missing"
-            raise self.error(f"{problem} (read: {', '.join(valid)}): {self.advice}", where)
+            problem = (
+                f"its type is '{stated}'"
+                if stated
+                else "the attribute 'type' is missing"
+            )
+            raise self.error(
+                f"{problem} (read: {', '.join(valid)}): {self.advice}", where
+            )
         return LOOP_KINDS[stated]
 
     def _link(self, end: Any, tag: str, where: str, key: str = "link") -> int:
@@ -130,26 +174,41 @@ class UrdfLoops(ExactXml):
         if not name:
             raise self.error(f"<{tag}> with the name of a link is missing", where)
         if name == WORLD and name not in self.position:
-            raise self.error(f"the world is no link of a URDF: hold the root link, or {self.advice}", where)
+            raise self.error(
+                f"the world is no link of a URDF: hold the root link, or {self.advice}",
+                where,
+            )
         if name not in self.position:
-            raise self.error(f"{tag} link '{name}' does not exist{nearest_of(name, self.position)}", where)
+            raise self.error(
+                f"{tag} link '{name}' does not exist{nearest_of(name, self.position)}",
+                where,
+            )
         return self.position[name]
 
     def _aim(self, text: str | None, usual: Triple, where: str) -> LiteralPlacement:
         """A turn of a frame after which its z axis lies along an axis."""
         axis = self.triple(text, usual, f"{where} axis")
         if not any(axis):
-            raise self.error("the axis is zero; it needs a direction such as 0 0 1", where)
+            raise self.error(
+                "the axis is zero; it needs a direction such as 0 0 1", where
+            )
         x, y, z = map(float, axis)
-        return LiteralPlacement(f"{where} axis", rpy=(0, exact_angle(atan2(hypot(x, y), z)), exact_angle(atan2(y, x))))
+        return LiteralPlacement(
+            f"{where} axis",
+            rpy=(0, exact_angle(atan2(hypot(x, y), z)), exact_angle(atan2(y, x))),
+        )
 
     def _point(self, element: Any, where: str) -> LiteralPlacement:
         if element is None or not element.get("value"):
             raise self.error("the point is missing: value='x y z'", where)
-        return LiteralPlacement(where, self.triple(element.get("value"), (0, 0, 0), where))
+        return LiteralPlacement(
+            where, self.triple(element.get("value"), (0, 0, 0), where)
+        )
 
     def _pose(self, text: str, where: str) -> LiteralPlacement:
-        numbers = [self.number(part, where) for part in text.split()] or [0] * _POSE_NUMBERS
+        numbers = [self.number(part, where) for part in text.split()] or [
+            0
+        ] * _POSE_NUMBERS
         if len(numbers) != _POSE_NUMBERS:
             raise self.error(f"needs six numbers, found '{text.strip()}'", where)
         x, y, z, roll, pitch, yaw = numbers
@@ -160,34 +219,67 @@ class Couplings(ExactXml):
     """The couplings of URDF+ between joints."""
 
     def __init__(
-        self, root: Any, source: str, carried: Mapping[str, str], joints: Mapping[str, Any], tiny: list[str]
+        self,
+        root: Any,
+        source: str,
+        carried: Mapping[str, str],
+        joints: Mapping[str, Any],
+        tiny: list[str],
     ) -> None:
         super().__init__(source, tiny)
-        self.root, self.carried, self.joints = root, carried, joints  # ``carried``: the joint of each link
+        self.root, self.carried, self.joints = (
+            root,
+            carried,
+            joints,
+        )  # ``carried``: the joint of each link
 
-    def stated(self, single: Sequence[str], dependent: Sequence[str]) -> tuple[StatedCoupling, ...]:
+    def stated(
+        self, single: Sequence[str], dependent: Sequence[str]
+    ) -> tuple[StatedCoupling, ...]:
         """Couplings between joints with one axis, of which those that are said to be dependent follow others."""
-        relations = [self._relation(element, single) for element in self.root.findall("coupling")]
+        relations = [
+            self._relation(element, single) for element in self.root.findall("coupling")
+        ]
         driven = [name for name in self.joints if name not in dependent]
-        held, couplings, _ = resolve(relations, dict.fromkeys(single, 0), driven, self.source)
+        held, couplings, _ = resolve(
+            relations, dict.fromkeys(single, 0), driven, self.source
+        )
         for name in held:
-            raise self.error("the couplings hold it where it is: make it a fixed joint", f"joint '{name}'")
+            raise self.error(
+                "the couplings hold it where it is: make it a fixed joint",
+                f"joint '{name}'",
+            )
         return couplings
 
     def _relation(self, element: Any, single: Sequence[str]) -> Relation:
         where = f"coupling '{element.get('name') or ''}'"
         ratio = element.find("ratio")
         if ratio is None or not ratio.get("value"):
-            raise self.error("needs <ratio value='...'/>, of the successor's motion to the predecessor's", where)
+            raise self.error(
+                "needs <ratio value='...'/>, of the successor's motion to the predecessor's",
+                where,
+            )
         factor = Polynomial.constant(self.number(ratio.get("value"), f"{where} ratio"))
-        before, after = (self._way(element.find(tag), tag, where) for tag in ("predecessor", "successor"))
+        before, after = (
+            self._way(element.find(tag), tag, where)
+            for tag in ("predecessor", "successor")
+        )
         common = {name for name in before if name in after}
         terms = {name: linear(-factor) for name in before if name not in common}
-        terms |= {name: linear(Polynomial.constant(1)) for name in after if name not in common}
-        terms = {name: term for name, term in terms.items() if self.joints[name].get("type") != "fixed"}
+        terms |= {
+            name: linear(Polynomial.constant(1)) for name in after if name not in common
+        }
+        terms = {
+            name: term
+            for name, term in terms.items()
+            if self.joints[name].get("type") != "fixed"
+        }
         for name in terms:
             if name not in single:
-                raise self.error(f"joint '{name}' between its links has not one axis, as coupled joints need", where)
+                raise self.error(
+                    f"joint '{name}' between its links has not one axis, as coupled joints need",
+                    where,
+                )
         if not terms:
             raise self.error("no joint moves its links against each other", where)
         return Relation(where, "", terms, Polynomial({}))
@@ -197,7 +289,9 @@ class Couplings(ExactXml):
         link = "" if end is None else end.get("link", "")
         links = [*dict.fromkeys(e.get("name") for e in self.root.findall("link"))]
         if link not in links:
-            raise self.error(f"{tag} link '{link}' does not exist{nearest_of(link, links)}", where)
+            raise self.error(
+                f"{tag} link '{link}' does not exist{nearest_of(link, links)}", where
+            )
         way: list[str] = []
         while link in self.carried:
             way.append(self.carried[link])
@@ -205,7 +299,9 @@ class Couplings(ExactXml):
         return way
 
 
-def independence(joints: Mapping[str, Any], error: Callable[[str, str], InputError]) -> dict[str, bool]:
+def independence(
+    joints: Mapping[str, Any], error: Callable[[str, str], InputError]
+) -> dict[str, bool]:
     """Whether joints are independent, as far as their attributes say so."""
     known = {"true": True, "1": True, "false": False, "0": False}
     found: dict[str, bool] = {}
@@ -214,6 +310,8 @@ def independence(joints: Mapping[str, Any], error: Callable[[str, str], InputErr
         if text is None:
             continue
         if text.strip().lower() not in known:
-            raise error(f"joint '{name}'", f"independent='{text}' is neither true nor false")
+            raise error(
+                f"joint '{name}'", f"independent='{text}' is neither true nor false"
+            )
         found[name] = known[text.strip().lower()]
     return found

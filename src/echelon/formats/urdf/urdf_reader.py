@@ -28,7 +28,13 @@ from echelon.formats.literal import (
 )
 from echelon.formats.snapping import tiny_notes
 from echelon.formats.urdf.exact_xml import ExactXml
-from echelon.formats.urdf.urdf_dialects import LOOP_KINDS, WITHOUT_AXIS, Couplings, UrdfLoops, independence
+from echelon.formats.urdf.urdf_dialects import (
+    LOOP_KINDS,
+    WITHOUT_AXIS,
+    Couplings,
+    UrdfLoops,
+    independence,
+)
 from echelon.formats.urdf.urdf_vocabulary import URDF
 from echelon.formats.vocabulary import unread
 from echelon.hints import in_quotes
@@ -76,10 +82,20 @@ class UrdfReader(ExactXml):
             raise self.error(f"{problem}: {self._cut(parents, lost[0])}")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
-        closures = tuple(UrdfLoops(self.root, self.source, position, self.tiny).closures())
-        independent = independence(self.joints, lambda element, problem: self.error(problem, element))
-        couplings = (*self._couplings(), *self._relations(parents, independent)) if mimics else ()
-        has_mimics = any(joint.find("mimic") is not None for joint in self.joints.values())
+        closures = tuple(
+            UrdfLoops(self.root, self.source, position, self.tiny).closures()
+        )
+        independent = independence(
+            self.joints, lambda element, problem: self.error(problem, element)
+        )
+        couplings = (
+            (*self._couplings(), *self._relations(parents, independent))
+            if mimics
+            else ()
+        )
+        has_mimics = any(
+            joint.find("mimic") is not None for joint in self.joints.values()
+        )
         return LiteralTree(
             self.root.get("name") or "robot",
             self.source,
@@ -98,15 +114,31 @@ class UrdfReader(ExactXml):
     def _gravity(self) -> Triple:
         """That of a model in memory; URDF itself says nothing about it."""
         element = self.root.find("gravity")
-        return self.triple(None if element is None else element.get("xyz"), LiteralTree("", "", ()).gravity, "gravity")
+        return self.triple(
+            None if element is None else element.get("xyz"),
+            LiteralTree("", "", ()).gravity,
+            "gravity",
+        )
 
     def _drives(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Friction that joints state, and which of them a transmission drives."""
-        geared = {e.get("name") for part in self.root.findall("transmission") for e in part.findall("joint")}
+        geared = {
+            e.get("name")
+            for part in self.root.findall("transmission")
+            for e in part.findall("joint")
+        }
         for name, joint in self.joints.items():
             dynamics = joint.find("dynamics")
-            stated = {} if dynamics is None else {_DYNAMICS[k]: v for k, v in dynamics.items() if k in _DYNAMICS}
-            numbers = {kind: value for kind, text in stated.items() if (value := stated_number(text))}
+            stated = (
+                {}
+                if dynamics is None
+                else {_DYNAMICS[k]: v for k, v in dynamics.items() if k in _DYNAMICS}
+            )
+            numbers = {
+                kind: value
+                for kind, text in stated.items()
+                if (value := stated_number(text))
+            }
             if numbers or name in geared:
                 yield name, ({"rotor_inertia": nan} if name in geared else {}) | numbers
 
@@ -119,7 +151,9 @@ class UrdfReader(ExactXml):
             if not name:
                 raise self.error(f"a <{tag}> has no name")
             if name in found:
-                raise self.error("this name occurs twice; names must be unique", f"{tag} '{name}'")
+                raise self.error(
+                    "this name occurs twice; names must be unique", f"{tag} '{name}'"
+                )
             found[name] = element
         return found
 
@@ -128,7 +162,10 @@ class UrdfReader(ExactXml):
         carried: dict[str, str] = {}
         self.children: dict[str, list[str]] = {name: [] for name in self.links}
         for name, joint in self.joints.items():
-            parent, child = self._end(joint, "parent", name), self._end(joint, "child", name)
+            parent, child = (
+                self._end(joint, "parent", name),
+                self._end(joint, "child", name),
+            )
             if parent == child:
                 raise self.error(f"link '{child}' is its own parent", f"joint '{name}'")
             if child in carried:
@@ -154,7 +191,11 @@ class UrdfReader(ExactXml):
 
     def _beside(self, name: str) -> str:
         """How a joint that closes a loop is stated in a description beside the file."""
-        joint, where, file = self.joints[name], f"joint '{name}'", PurePath(self.source).name
+        joint, where, file = (
+            self.joints[name],
+            f"joint '{name}'",
+            PurePath(self.source).name,
+        )
         kind = joint.get("type")
         if kind == "floating":
             return "take this joint out, as it constrains nothing"
@@ -162,7 +203,11 @@ class UrdfReader(ExactXml):
         origin = self.origin(joint, where)
         frame = f"{{xyz: [{_written(origin.xyz)}], rpy: [{_written(origin.rpy)}]}}"
         word = LOOP_KINDS.get(str(kind), ClosureKind.REVOLUTE).value
-        axis = "" if kind in WITHOUT_AXIS else f", axis: [{_written(self._axis(joint, name))}]"
+        axis = (
+            ""
+            if kind in WITHOUT_AXIS
+            else f", axis: [{_written(self._axis(joint, name))}]"
+        )
         loop = f"{{name: {name}, joint: {word}, connects: [{parent}, {child}], at: {frame}{axis}, on_second: {{}}}}"
         stated = f"'robot: {{file: {file}}}' and 'loops: [{loop}]'"
         return f"take this joint out, and state it as a loop: {stated} in a YAML file beside it"
@@ -179,15 +224,21 @@ class UrdfReader(ExactXml):
     def _root_link(self, parents: dict[str, str]) -> str:
         roots = [name for name in self.links if name not in parents]
         if not roots:
-            problem = "every link has a parent: the links form a cycle and there is no root"
+            problem = (
+                "every link has a parent: the links form a cycle and there is no root"
+            )
             raise self.error(f"{problem}: {self._cut(parents, next(iter(self.links)))}")
         if len(roots) > 1:
-            raise self.error(f"there are {len(roots)} root links, {in_quotes(roots, _MOST_NAMED)}; a tree has one")
+            raise self.error(
+                f"there are {len(roots)} root links, {in_quotes(roots, _MOST_NAMED)}; a tree has one"
+            )
         return roots[0]
 
     # -- elements --------------------------------------------------------------------------------------------------
 
-    def _link(self, name: str, joint: str | None, position: dict[str, int]) -> LiteralLink:
+    def _link(
+        self, name: str, joint: str | None, position: dict[str, int]
+    ) -> LiteralLink:
         inertial = self._inertial(name)
         if joint is None:
             return LiteralLink(name, -1, "", "root", (), inertial)
@@ -198,21 +249,34 @@ class UrdfReader(ExactXml):
             axis = (0, 0, 1) if kind == "floating" else self._axis(element, joint)
             steps.append(LiteralMotion(f"joint '{joint}'", joint, MOTIONS[kind], axis))
         parent = position[self._end(element, "parent", joint)]
-        return LiteralLink(name, parent, joint, kind, tuple(steps), inertial, rest=(origin,))
+        return LiteralLink(
+            name, parent, joint, kind, tuple(steps), inertial, rest=(origin,)
+        )
 
     def _kind(self, joint: str) -> str:
         kind = self.joints[joint].get("type")
         if kind not in JOINT_TYPES:
             valid = ", ".join(JOINT_TYPES)
-            problem = f"unknown joint type '{kind}'" if kind else "the attribute 'type' is missing"
+            problem = (
+                f"unknown joint type '{kind}'"
+                if kind
+                else "the attribute 'type' is missing"
+            )
             raise self.error(f"{problem} (valid: {valid})", f"joint '{joint}'")
         return str(kind)
 
     def _axis(self, element: Any, joint: str) -> Triple:
         axis = element.find("axis")
-        values = self.triple(None if axis is None else axis.get("xyz"), _DEFAULT_AXIS, f"joint '{joint}' axis")
+        values = self.triple(
+            None if axis is None else axis.get("xyz"),
+            _DEFAULT_AXIS,
+            f"joint '{joint}' axis",
+        )
         if not any(values):
-            raise self.error("the axis is zero; it needs a direction such as 0 0 1", f"joint '{joint}'")
+            raise self.error(
+                "the axis is zero; it needs a direction such as 0 0 1",
+                f"joint '{joint}'",
+            )
         return values
 
     def _inertial(self, link: str) -> tuple[float, ...] | None:
@@ -221,7 +285,10 @@ class UrdfReader(ExactXml):
         if element is None:
             return None
         mass = self._attribute(element.find("mass"), "value", f"{where} mass")
-        inertia, keys = element.find("inertia"), ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        inertia, keys = (
+            element.find("inertia"),
+            ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+        )
         moments = [self._attribute(inertia, name, f"{where} inertia") for name in keys]
         frame = numeric_placement(self.origin(element, where))
         return central_inertial(mass, frame[:3, 3], moments, frame[:3, :3])
@@ -232,11 +299,19 @@ class UrdfReader(ExactXml):
             raise self.error(f"the attribute '{name}' is missing", where)
         return float(self.number(text, where))
 
-    def _relations(self, parents: dict[str, str], independent: dict[str, bool]) -> tuple[StatedCoupling, ...]:
+    def _relations(
+        self, parents: dict[str, str], independent: dict[str, bool]
+    ) -> tuple[StatedCoupling, ...]:
         """Couplings of the dialect URDF+."""
-        single = [name for name, joint in self.joints.items() if joint.get("type") in SINGLE_AXIS]
+        single = [
+            name
+            for name, joint in self.joints.items()
+            if joint.get("type") in SINGLE_AXIS
+        ]
         dependent = [name for name, stated in independent.items() if not stated]
-        return Couplings(self.root, self.source, parents, self.joints, self.tiny).stated(single, dependent)
+        return Couplings(
+            self.root, self.source, parents, self.joints, self.tiny
+        ).stated(single, dependent)
 
     def _couplings(self) -> Iterator[StatedCoupling]:
         for name, joint in self.joints.items():
@@ -249,7 +324,8 @@ class UrdfReader(ExactXml):
                 raise self.error("needs joint='...', the joint that it follows", where)
             if leader not in self.joints:
                 raise self.error(
-                    f"it follows joint '{leader}', which does not exist (--mimic independent ignores that)", where
+                    f"it follows joint '{leader}', which does not exist (--mimic independent ignores that)",
+                    where,
                 )
             if leader == name:
                 raise self.error("the joint mimics itself", where)
@@ -259,7 +335,10 @@ class UrdfReader(ExactXml):
             for role in (name, leader):
                 kind = self.joints[role].get("type")
                 if kind not in SINGLE_AXIS:
-                    raise self.error(f"joint '{role}' is {kind}; only single-axis joints can be coupled", where)
+                    raise self.error(
+                        f"joint '{role}' is {kind}; only single-axis joints can be coupled",
+                        where,
+                    )
             ratio, offset = (
                 as_polynomial(self.number(mimic.get(key, usual), where))
                 for key, usual in (("multiplier", "1"), ("offset", "0"))

@@ -59,7 +59,9 @@ _JOINT_ELEMENT = Element(
             harmless="@drake:acceleration",
             otherwise=Otherwise.LISTED,
         ),
-        "dynamics": Element(attributes="damping friction armature", otherwise=Otherwise.LISTED),
+        "dynamics": Element(
+            attributes="damping friction armature", otherwise=Otherwise.LISTED
+        ),
     },
     "name type independent",
     harmless="calibration safety_controller",
@@ -70,11 +72,14 @@ _JOINT_ELEMENT = Element(
         "@dont_collapse @disableFixedJointLumping @preserveFixedJoint"
     ),
     single="parent child origin axis mimic limit dynamics",
-    advice={"": ".  The elements of a joint are <parent>, <child>, <origin>, <axis>, <mimic>, <limit> and <dynamics>"},
+    advice={
+        "": ".  The elements of a joint are <parent>, <child>, <origin>, <axis>, <mimic>, <limit> and <dynamics>"
+    },
 )
 
 _ACTUATOR = Element(
-    listed="rotor_inertia motor_inertia drake:rotor_inertia drake:gear_ratio", otherwise=Otherwise.QUIET
+    listed="rotor_inertia motor_inertia drake:rotor_inertia drake:gear_ratio",
+    otherwise=Otherwise.QUIET,
 )
 _PLUGIN = Element(listed="mimicJoint mimic_joint", otherwise=Otherwise.QUIET)
 
@@ -83,7 +88,11 @@ _GAZEBO_JOINT = Element(
         "parent": Element(),
         "child": Element(),
         "pose": Element(attributes="relative_to"),
-        "axis": Element({"xyz": Element(advice={"": _LOOP})}, harmless="limit dynamics", advice={"": _LOOP}),
+        "axis": Element(
+            {"xyz": Element(advice={"": _LOOP})},
+            harmless="limit dynamics",
+            advice={"": _LOOP},
+        ),
     },
     "name type",
     harmless="physics sensor",
@@ -122,7 +131,10 @@ URDF = Element(
             advice={"": _COUPLING},
         ),
         "loop_joint": Element(
-            {"link1": Element(attributes="link xyz rpy"), "link2": Element(attributes="link xyz rpy")},
+            {
+                "link1": Element(attributes="link xyz rpy"),
+                "link2": Element(attributes="link xyz rpy"),
+            },
             "name type",
             single="link1 link2",
             advice={"": _LOOP},

@@ -74,7 +74,10 @@ def _loops(mechanism: Mechanism) -> dict[str, Any]:
         loops=[_loop(closure, mechanism) for closure in mechanism.closures],
         independent=list(mechanism.independent) or None,
         rounding=mechanism.rounding,
-        assembly={name: repr(float(value)) for name, value in mechanism.assembly.items()} or None,
+        assembly={
+            name: repr(float(value)) for name, value in mechanism.assembly.items()
+        }
+        or None,
     )
 
 
@@ -82,7 +85,9 @@ def _loop(closure: Closure, mechanism: Mechanism) -> dict[str, Any]:
     return {
         "name": closure.name,
         "joint": closure.kind.value,
-        "connects": [_part(body, mechanism) for body in (closure.first, closure.second)],
+        "connects": [
+            _part(body, mechanism) for body in (closure.first, closure.second)
+        ],
         "at": frame_data(closure.first_frame),
         "on_second": frame_data(closure.second_frame),
     }
@@ -97,12 +102,17 @@ def _part(body: int, mechanism: Mechanism) -> str | None:
 
 def _setup(mechanism: Mechanism) -> dict[str, Any]:
     """The keys ``actuators``, ``effects`` and ``outputs``, where there are any."""
-    ratios = {a.name: {name: expression_text(ratio) for name, ratio in a.terms} for a in mechanism.actuators}
+    ratios = {
+        a.name: {name: expression_text(ratio) for name, ratio in a.terms}
+        for a in mechanism.actuators
+    }
     measured = mechanism.measured
     return _stated(
         actuators={name: {"terms": terms} for name, terms in ratios.items()} or None,
         effects=[_effect(effect) for effect in mechanism.effects] or None,
-        outputs=None if measured is None else [_output(output, mechanism) for output in measured],
+        outputs=None
+        if measured is None
+        else [_output(output, mechanism) for output in measured],
     )
 
 
@@ -117,7 +127,9 @@ def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
     if isinstance(channel, Cut):
         component = COMPONENTS[channel.axis + (3 if channel.angular else 0)]
         return {
-            "wrench": BASE if channel.body == GROUND else mechanism.bodies[channel.body].name,
+            "wrench": BASE
+            if channel.body == GROUND
+            else mechanism.bodies[channel.body].name,
             "name": output.name.removesuffix(f".{component}"),
             "frame": frame_data(channel.frame),
             "fixed_to": "parent" if channel.on_parent else "body",
@@ -125,7 +137,11 @@ def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
         }
     if len(output.terms) == 1 and weight == 1:
         return {channel.side.value: channel.at, "name": output.name}
-    terms = [(c, expression_text(weight)) for c, weight in output.terms if isinstance(c, Force)]
+    terms = [
+        (c, expression_text(weight))
+        for c, weight in output.terms
+        if isinstance(c, Force)
+    ]
     summed = [{force.side.value: force.at, "weight": weight} for force, weight in terms]
     return {"name": output.name, "unit": output.unit, "sum": summed}
 
@@ -136,20 +152,32 @@ _TYPES = (
 )
 
 
-def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict[str, Any]:
+def write_description(
+    mechanism: Mechanism, *, elementary: bool = False
+) -> dict[str, Any]:
     """A mechanism in the description format, as data for JSON or YAML."""
     names = [body.name for body in mechanism.bodies]
     for name in names:
         if names.count(name) > 1:
-            raise InputError("two bodies have this name; a description needs unique names", element=f"body '{name}'")
+            raise InputError(
+                "two bodies have this name; a description needs unique names",
+                element=f"body '{name}'",
+            )
     joints = None if elementary else _reader(mechanism)
-    terms = {c.coordinate: {name: _function(function) for name, function in c.terms} for c in mechanism.couplings}
+    terms = {
+        c.coordinate: {name: _function(function) for name, function in c.terms}
+        for c in mechanism.couplings
+    }
     return _stated(
         echelon=1,
         name=mechanism.name,
         symbols=_symbols(mechanism) or None,
         gravity=_gravity(mechanism.gravity),
-        couplings=[{coordinate: {"terms": functions}} for coordinate, functions in terms.items()] or None,
+        couplings=[
+            {coordinate: {"terms": functions}}
+            for coordinate, functions in terms.items()
+        ]
+        or None,
         **_loops(mechanism),
         **_setup(mechanism),
         bodies=[_body(body, mechanism, joints) for body in mechanism.bodies],
@@ -159,14 +187,21 @@ def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict
 def _gravity(gravity: Vector | None) -> str | list[str]:
     if gravity is None:
         return "none"
-    return "generic" if gravity == GENERIC else [expression_text(part) for part in gravity]
+    return (
+        "generic" if gravity == GENERIC else [expression_text(part) for part in gravity]
+    )
 
 
 def _function(function: Spline) -> str | dict[str, Any]:
     if function.ratio is not None:
         return expression_text(function.ratio)
-    knots = [[decimal_text(knot), expression_text(jump)] for knot, jump in function.knots]
-    return _stated(coefficients=[expression_text(c) for c in function.coefficients], knots=knots or None)
+    knots = [
+        [decimal_text(knot), expression_text(jump)] for knot, jump in function.knots
+    ]
+    return _stated(
+        coefficients=[expression_text(c) for c in function.coefficients],
+        knots=knots or None,
+    )
 
 
 # -- symbols --------------------------------------------------------------------------------------------------------
@@ -176,7 +211,12 @@ def _used(mechanism: Mechanism) -> list[str]:
     """Symbols that need a declaration, in order of appearance."""
     found = [name for body in mechanism.bodies for name in body.joint.symbols()]
     found += [name for value in setup_ratios(mechanism) for name in value.symbols()]
-    found += [name for placed in setup_placements(mechanism) for e in placed.entries() for name in e.symbols()]
+    found += [
+        name
+        for placed in setup_placements(mechanism)
+        for e in placed.entries()
+        for name in e.symbols()
+    ]
     if mechanism.gravity != GENERIC:
         found += [name for part in mechanism.gravity or () for name in part.symbols()]
     return list(dict.fromkeys(found))
@@ -185,13 +225,24 @@ def _used(mechanism: Mechanism) -> list[str]:
 def _symbols(mechanism: Mechanism) -> dict[str, Any]:
     # an empty mapping declares a name that the mechanism uses but does not list
     written: dict[str, Any] = {name: {} for name in _used(mechanism)}
-    return written | {name: _symbol(symbol) for name, symbol in mechanism.symbols.items()}
+    return written | {
+        name: _symbol(symbol) for name, symbol in mechanism.symbols.items()
+    }
 
 
 def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
-    approximate = None if symbol.value is None or symbol.exact is not None else repr(float(symbol.value))
+    approximate = (
+        None
+        if symbol.value is None or symbol.exact is not None
+        else repr(float(symbol.value))
+    )
     arc = None if symbol.tangent_squared is None else str(symbol.tangent_squared)
-    entry = _stated(value=symbol.exact, approximate=approximate, tangent_squared=arc, meaning=symbol.meaning or None)
+    entry = _stated(
+        value=symbol.exact,
+        approximate=approximate,
+        tangent_squared=arc,
+        meaning=symbol.meaning or None,
+    )
     return entry.get("value") if set(entry) <= {"value"} else entry
 
 
@@ -199,14 +250,20 @@ def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
 
 
 def _body(body: Body, mechanism: Mechanism, joints: Joints | None) -> dict[str, Any]:
-    inertial = None if body.inertial is None else [repr(float(value)) for value in body.inertial]
+    inertial = (
+        None
+        if body.inertial is None
+        else [repr(float(value)) for value in body.inertial]
+    )
     return _stated(
         name=body.name,
         label=body.label,
         parent=mechanism.bodies[body.parent].name if body.parent != GROUND else None,
         **((joints and _short_form(body, joints)) or {"joint": _custom(body.joint)}),
         massless=body.massless or None,
-        parameters=[PARAMETERS[k] for k in body.carried] if body.carried not in ((), ALL) else None,
+        parameters=[PARAMETERS[k] for k in body.carried]
+        if body.carried not in ((), ALL)
+        else None,
         separate=body.joint.is_fixed or None,
         inertial=None if inertial is None else {"standard": inertial},
     )
@@ -217,7 +274,10 @@ def _axis(motion: Motion) -> str:
 
 
 def _custom(joint: Joint) -> dict[str, Any]:
-    steps = [_motion(step) if isinstance(step, Motion) else frame_data(step) for step in joint.steps]
+    steps = [
+        _motion(step) if isinstance(step, Motion) else frame_data(step)
+        for step in joint.steps
+    ]
     return {"type": "custom", "kind": joint.kind, "name": joint.name, "steps": steps}
 
 
@@ -238,7 +298,10 @@ def _short_form(body: Body, joints: Joints) -> dict[str, Any] | None:
     written = _guess(body.joint)
     entry = BodyEntry.model_validate({"name": body.name, **written})
     try:
-        same = joints.body(entry, "", "") == body.joint.steps and joint_name(entry) == body.joint.name
+        same = (
+            joints.body(entry, "", "") == body.joint.steps
+            and joint_name(entry) == body.joint.name
+        )
     except InputError:
         return None
     return written if same else None
@@ -262,8 +325,14 @@ def _guess(joint: Joint) -> dict[str, Any]:
     if joint.kind == "universal":
         # any other second axis fails the comparison, whatever stands here
         perpendicular = len(motions) > 1 and motions[1].axis != motions[0].axis
-        written["axis2"] = _axis(motions[1]) if perpendicular else "xyz"[(motions[0].axis + 1) % 3]
-    return {"joint": written} if frame.is_identity else {"joint": written, "frame": frame_data(frame)}
+        written["axis2"] = (
+            _axis(motions[1]) if perpendicular else "xyz"[(motions[0].axis + 1) % 3]
+        )
+    return (
+        {"joint": written}
+        if frame.is_identity
+        else {"joint": written, "frame": frame_data(frame)}
+    )
 
 
 def _reader(mechanism: Mechanism) -> Joints:
@@ -273,4 +342,6 @@ def _reader(mechanism: Mechanism) -> Joints:
     from echelon.formats.snapping import ReadingOptions
 
     symbols = {name: Symbol(name) for name in (*_used(mechanism), *mechanism.symbols)}
-    return Joints(Expressions(Document({}, mechanism.name), ReadingOptions(), (), symbols))
+    return Joints(
+        Expressions(Document({}, mechanism.name), ReadingOptions(), (), symbols)
+    )

@@ -35,7 +35,9 @@ _ROUNDING = 1e-9
 """How far below zero an eigenvalue may be, relative to the largest, that a solver left on the edge of the cone."""
 
 
-_NEGLIGIBLE = 1e-12  # size of a body, relative to the largest, that is none but for rounding
+_NEGLIGIBLE = (
+    1e-12  # size of a body, relative to the largest, that is none but for rounding
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,9 @@ class Load:
 
     mass: float  # kg
     centre: tuple[float, ...]  # centre of mass in the body's frame, m
-    moments: tuple[float, ...]  # XX XY XZ YY YZ ZZ about the centre of mass, along the axes of the body's frame, kg·m²
+    moments: tuple[
+        float, ...
+    ]  # XX XY XZ YY YZ ZZ about the centre of mass, along the axes of the body's frame, kg·m²
 
 
 @dataclass(frozen=True)
@@ -60,10 +64,18 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
     values = np.asarray(standard, dtype=float)
     names = mechanism.parameters
     if values.shape != (len(names),):
-        raise InputError(f"expected {len(names)} standard parameters of '{mechanism.name}', got shape {values.shape}")
-    strange = [name for name, value in zip(names, values, strict=True) if not np.isfinite(value)]
+        raise InputError(
+            f"expected {len(names)} standard parameters of '{mechanism.name}', got shape {values.shape}"
+        )
+    strange = [
+        name
+        for name, value in zip(names, values, strict=True)
+        if not np.isfinite(value)
+    ]
     if strange:
-        raise InputError("the value is not a finite number", element=f"parameter '{strange[0]}'")
+        raise InputError(
+            "the value is not a finite number", element=f"parameter '{strange[0]}'"
+        )
     bodies = [np.zeros(PER_BODY) for _ in mechanism.bodies]
     effects: dict[str, float] = {}
     for parameter, value in zip(mechanism.columns, values, strict=True):
@@ -126,10 +138,17 @@ _NOTICEABLE = 1e-9  # numbers that were read as exact ones within this differ in
 
 def head_comment(notes: Sequence[str]) -> list[str]:
     """Lines of the comment at the head of a written file."""
-    return comment(["Inertial parameters identified with Echelon.", *(f"Note: {note}." for note in notes)])
+    return comment(
+        [
+            "Inertial parameters identified with Echelon.",
+            *(f"Note: {note}." for note in notes),
+        ]
+    )
 
 
-def rotor_notes(mechanism: Mechanism, values: IdentifiedValues, file_format: str) -> Iterator[str]:
+def rotor_notes(
+    mechanism: Mechanism, values: IdentifiedValues, file_format: str
+) -> Iterator[str]:
     """Spin inertias of rotors that are bodies of their own, which no robot file has."""
     spins = [
         f"{parameter.name} = {float(values.bodies[parameter.body][parameter.kind])!r} {parameter.unit}"
@@ -142,7 +161,9 @@ def rotor_notes(mechanism: Mechanism, values: IdentifiedValues, file_format: str
         yield f"{file_format} has no rotors that turn with joints, left out: {', '.join(spins)}"
 
 
-def reading_notes(mechanism: Mechanism, values: IdentifiedValues, root: Any, file_format: str) -> Iterator[str]:
+def reading_notes(
+    mechanism: Mechanism, values: IdentifiedValues, root: Any, file_format: str
+) -> Iterator[str]:
     """Remarks on an edited file: rotors, numbers that were read as others, files that it refers to."""
     yield from rotor_notes(mechanism, values, file_format)
     snaps = mechanism.reading.snaps if mechanism.reading is not None else ()
@@ -152,7 +173,12 @@ def reading_notes(mechanism: Mechanism, values: IdentifiedValues, root: Any, fil
             f"{len(moved)} numbers of the geometry stay as written although they were read as exact ones, "
             f"up to {np.max(moved):.2g} away; predictions of this file differ accordingly"
         )
-    files = [value for e in root.iter() for key, value in e.items() if key in ("filename", "file")]
+    files = [
+        value
+        for e in root.iter()
+        for key, value in e.items()
+        if key in ("filename", "file")
+    ]
     if any("://" not in file and not PurePath(file).is_absolute() for file in files):
         yield "files that it refers to are looked for relative to the folder of the input"
 
@@ -200,18 +226,32 @@ def joint_effects(
         value = values[effect.parameter]
         # one parameter may be that of several joints
         simple = [_simple(mechanism, action, value) for action in effect.actions]
-        reason = next(filter(None, (_obstacle(s, supported, coordinates, file_format) for s in simple)), "")
+        reason = next(
+            filter(
+                None,
+                (_obstacle(s, supported, coordinates, file_format) for s in simple),
+            ),
+            "",
+        )
         if reason:
-            lost.setdefault(reason, []).append(f"{effect.parameter} = {value!r} {effect.unit}")
+            lost.setdefault(reason, []).append(
+                f"{effect.parameter} = {value!r} {effect.unit}"
+            )
             continue
         for at in filter(None, simple):
             found = attributes.setdefault(at.coordinate, {})
             name = supported[at.kind]
             found[name] = found.get(name, 0.0) + at.value
-    return JointEffects(attributes, tuple(f"{reason}: {', '.join(entries)}" for reason, entries in lost.items()))
+    return JointEffects(
+        attributes,
+        tuple(f"{reason}: {', '.join(entries)}" for reason, entries in lost.items()),
+    )
 
 
-def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+def kept_notes(
+    stated: Mapping[str, Mapping[str, float]],
+    written: Mapping[str, Mapping[str, float]],
+) -> Iterator[str]:
     """Notes on numbers of joints that a file states and the identified model does not have."""
     kept: dict[str, list[str]] = {}
     for joint, numbers in stated.items():
@@ -230,17 +270,26 @@ def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | Non
         return None
     if action.side is Side.JOINT:
         return _Simple(kind, action.at, value)
-    terms = next(a.terms for a in mechanism.transmission.actuators if a.name == action.at)
+    terms = next(
+        a.terms for a in mechanism.transmission.actuators if a.name == action.at
+    )
     known = known_values(mechanism)
     if len(terms) != 1 or not known.keys() >= set(terms[0][1].symbols()):
         return None
     coordinate, ratio = terms[0]
     gear = ratio.at(known)
-    return _Simple(kind, coordinate, value * {"coulomb": abs(gear), "offset": gear}.get(kind, gear * gear))
+    return _Simple(
+        kind,
+        coordinate,
+        value * {"coulomb": abs(gear), "offset": gear}.get(kind, gear * gear),
+    )
 
 
 def _obstacle(
-    simple: _Simple | None, supported: Mapping[str, str], coordinates: Collection[str], file_format: str
+    simple: _Simple | None,
+    supported: Mapping[str, str],
+    coordinates: Collection[str],
+    file_format: str,
 ) -> str:
     """The reason why an effect cannot be an attribute of a joint; empty if it can."""
     if simple is None:

@@ -16,7 +16,14 @@ from typing import Any
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.formats.mjcf.mjcf_model import NO_MASS, MjcfDocument, checked_mjcf, compile_spec, import_mujoco, parse_spec
+from echelon.formats.mjcf.mjcf_model import (
+    NO_MASS,
+    MjcfDocument,
+    checked_mjcf,
+    compile_spec,
+    import_mujoco,
+    parse_spec,
+)
 from echelon.formats.mjcf.mjcf_reader import DRIVES
 from echelon.formats.writers.identified_values import (
     ROTOR,
@@ -41,22 +48,41 @@ class NamedModel:
 
     def __init__(self, text: str, document: MjcfDocument) -> None:
         parse_spec(document)  # which refuses files that include themselves
-        text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order
+        text = text.removeprefix(
+            "\ufeff"
+        )  # MuJoCo would stumble over the mark of byte order
         text = _with_includes(text, document.source, document.included)
         self.editor = XmlEditor(text, document.source)
         checked = checked_mjcf(text, document.source, document.directory)
-        self.spec = compile_spec(parse_spec(checked), replace(checked, missing=document.missing)).spec
-        world = [e for part in self.editor.root.findall("worldbody") for e in part.iter()]
-        bodies, joints = [e for e in world if e.tag == "body"], [e for e in world if e.tag in JOINTS]
-        self.bodies = {e: str(made.name) for e, made in zip(bodies, self.spec.bodies[1:], strict=False)}
-        self.joints = {e: str(made.name) for e, made in zip(joints, self.spec.joints, strict=False)}
-        self._counts = (len(bodies), len(joints)) == (len(self.spec.bodies) - 1, len(self.spec.joints))
+        self.spec = compile_spec(
+            parse_spec(checked), replace(checked, missing=document.missing)
+        ).spec
+        world = [
+            e for part in self.editor.root.findall("worldbody") for e in part.iter()
+        ]
+        bodies, joints = (
+            [e for e in world if e.tag == "body"],
+            [e for e in world if e.tag in JOINTS],
+        )
+        self.bodies = {
+            e: str(made.name)
+            for e, made in zip(bodies, self.spec.bodies[1:], strict=False)
+        }
+        self.joints = {
+            e: str(made.name) for e, made in zip(joints, self.spec.joints, strict=False)
+        }
+        self._counts = (len(bodies), len(joints)) == (
+            len(self.spec.bodies) - 1,
+            len(self.spec.joints),
+        )
 
     @property
     def is_complete(self) -> bool:
         """Whether elements and MuJoCo's bodies and joints are the same ones in the same order."""
         named = (*self.bodies.items(), *self.joints.items())
-        return self._counts and all(element.get("name") in (None, "", name) for element, name in named)
+        return self._counts and all(
+            element.get("name") in (None, "", name) for element, name in named
+        )
 
 
 def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str:
@@ -65,15 +91,25 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
         name = element.get("file")
         if name not in included:
             continue  # missing from the start, and still needed for whatever it defines
-        inner = XmlEditor(_with_includes(decoded(included[name], name), name, included), name)
+        inner = XmlEditor(
+            _with_includes(decoded(included[name], name), name, included), name
+        )
         editor.replace(element, inner.inside(inner.root))
     return editor.result()
 
 
 _FORMAT = "MJCF"
-_ATTRIBUTES = {kind: attribute for attribute, kind in DRIVES.items()} | {"offset": "springref"}
+_ATTRIBUTES = {kind: attribute for attribute, kind in DRIVES.items()} | {
+    "offset": "springref"
+}
 _RUBBING = ("damping", "frictionloss", "armature")
-_HARMFUL = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
+_HARMFUL = (
+    "inertiafromgeom",
+    "balanceinertia",
+    "boundmass",
+    "boundinertia",
+    "settotalmass",
+)
 """Settings of the compiler that may change stated inertias; without them it does not."""
 _HARMLESS = ("auto", "false")
 
@@ -81,22 +117,55 @@ _HARMLESS = ("auto", "false")
 class MjcfEditor:
     """Puts identified values in the place of those of an MJCF document."""
 
-    def __init__(self, mechanism: Mechanism, values: IdentifiedValues, model: NamedModel, source: str) -> None:
-        self.mechanism, self.values, self.model, self.source = mechanism, values, model, source
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        values: IdentifiedValues,
+        model: NamedModel,
+        source: str,
+    ) -> None:
+        self.mechanism, self.values, self.model, self.source = (
+            mechanism,
+            values,
+            model,
+            source,
+        )
         self.editor = model.editor
-        self.indices = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
+        self.indices = {
+            b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR
+        }
 
     def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         """The document, and notes."""
-        fixed = {name for body, name in self.model.bodies.items() if not _has(body, JOINTS)}
-        strange = next((name for name in self.indices if name not in self.model.bodies.values()), None)
+        fixed = {
+            name for body, name in self.model.bodies.items() if not _has(body, JOINTS)
+        }
+        strange = next(
+            (name for name in self.indices if name not in self.model.bodies.values()),
+            None,
+        )
         if strange is not None:
-            raise InputError("the model has no such body", source=self.source, element=f"body '{strange}'")
-        notes = [*remarks, *self._write_bodies(), *self._write_joints(), *self._write_compiler()]
+            raise InputError(
+                "the model has no such body",
+                source=self.source,
+                element=f"body '{strange}'",
+            )
+        notes = [
+            *remarks,
+            *self._write_bodies(),
+            *self._write_joints(),
+            *self._write_compiler(),
+        ]
         notes += reading_notes(self.mechanism, self.values, self.editor.root, _FORMAT)
         base = self.mechanism.bodies[0] if self.mechanism.bodies else None
-        if base is not None and (base.joint.name, base.joint.kind) == ("base", "floating") and base.name in fixed:
-            notes.append("the base is fixed in this file as in the input, although it was identified floating")
+        if (
+            base is not None
+            and (base.joint.name, base.joint.kind) == ("base", "floating")
+            and base.name in fixed
+        ):
+            notes.append(
+                "the base is fixed in this file as in the input, although it was identified floating"
+            )
         self.editor.insert_first(self.editor.root, head_comment(notes))
         return self.editor.result(), tuple(notes)
 
@@ -105,7 +174,11 @@ class MjcfEditor:
     def _write_bodies(self) -> Iterator[str]:
         lumped: list[str] = []
         massless: list[str] = []
-        pending = [(e, False) for world in self.editor.root.findall("worldbody") for e in _children(world)]
+        pending = [
+            (e, False)
+            for world in self.editor.root.findall("worldbody")
+            for e in _children(world)
+        ]
         while pending:
             element, rides = pending.pop(0)
             name = self.model.bodies[element]
@@ -114,7 +187,9 @@ class MjcfEditor:
                 load = load_of(self.values.bodies[self.indices[name]], name)
                 massless += [] if load else [name]
                 self._write_inertial(element, load or _nothing(element))
-            elif rides and (element.find("inertial") is not None or _has(element, (*JOINTS, "geom"))):
+            elif rides and (
+                element.find("inertial") is not None or _has(element, (*JOINTS, "geom"))
+            ):
                 lumped.append(name)
                 self._write_inertial(element, _nothing(element))
             pending += [(child, moves) for child in _children(element)]
@@ -145,19 +220,34 @@ class MjcfEditor:
     def _write_joints(self) -> Iterator[str]:
         mujoco = import_mujoco()
         single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-        stated = {str(joint.name): joint for joint in self.model.spec.joints if joint.type in single}
-        effects = joint_effects(self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT)
+        stated = {
+            str(joint.name): joint
+            for joint in self.model.spec.joints
+            if joint.type in single
+        }
+        effects = joint_effects(
+            self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT
+        )
         written = {name: dict(effects.attributes.get(name, {})) for name in stated}
         yield from self._counted_elsewhere(stated, written)
         for element, name in self.model.joints.items():
-            numbers = self._with_spring(stated[name], written[name]) if name in stated else {}
-            self.editor.set_attributes(element, {key: number_text(value) for key, value in numbers.items()})
-        said = {name: {key: _first(getattr(joint, key)) for key in DRIVES} for name, joint in stated.items()}
+            numbers = (
+                self._with_spring(stated[name], written[name]) if name in stated else {}
+            )
+            self.editor.set_attributes(
+                element, {key: number_text(value) for key, value in numbers.items()}
+            )
+        said = {
+            name: {key: _first(getattr(joint, key)) for key in DRIVES}
+            for name, joint in stated.items()
+        }
         yield from kept_notes(said, written)
         yield from effects.notes
         yield from self._lost_offsets(written)
 
-    def _counted_elsewhere(self, stated: Mapping[str, Any], written: dict[str, dict[str, float]]) -> Iterator[str]:
+    def _counted_elsewhere(
+        self, stated: Mapping[str, Any], written: dict[str, dict[str, float]]
+    ) -> Iterator[str]:
         """Take away armatures that identified inertias hold, and what joints have that follow others."""
         # the identified values of the joint that leads cover those
         cleared: dict[str, list[str]] = {}
@@ -169,16 +259,23 @@ class MjcfEditor:
         for key, joints in cleared.items():
             yield f"{key} is set to zero, because other identified parameters contain it: {in_quotes(joints)}"
 
-    def _with_spring(self, joint: Any, numbers: Mapping[str, float]) -> dict[str, float]:
+    def _with_spring(
+        self, joint: Any, numbers: Mapping[str, float]
+    ) -> dict[str, float]:
         """Attributes of a joint, with the constant force as the place where its spring rests."""
         found = {key: value for key, value in numbers.items() if key != "springref"}
         if not numbers.get("stiffness"):
             return found
         rest = -numbers.get("springref", 0.0) / numbers["stiffness"]
-        degrees = self.model.spec.compiler.degree and joint.type == import_mujoco().mjtJoint.mjJNT_HINGE
+        degrees = (
+            self.model.spec.compiler.degree
+            and joint.type == import_mujoco().mjtJoint.mjJNT_HINGE
+        )
         return {**found, "springref": float(np.degrees(rest)) if degrees else rest}
 
-    def _lost_offsets(self, written: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    def _lost_offsets(
+        self, written: Mapping[str, Mapping[str, float]]
+    ) -> Iterator[str]:
         lost = [
             f"{number_text(numbers['springref'])} at '{name}'"
             for name, numbers in written.items()
@@ -190,7 +287,11 @@ class MjcfEditor:
     def _write_compiler(self) -> Iterator[str]:
         changed: list[str] = []
         for element in self.editor.root.findall("compiler"):
-            harmful = [key for key in _HARMFUL if element.get(key) is not None and element.get(key) not in _HARMLESS]
+            harmful = [
+                key
+                for key in _HARMFUL
+                if element.get(key) is not None and element.get(key) not in _HARMLESS
+            ]
             self.editor.drop_attributes(element, harmful)
             changed += harmful
         if changed:

@@ -24,11 +24,16 @@ class WrittenRobot:
 
     name: str  # ``identified.urdf``, ``identified.xml`` (MJCF) or ``identified.yaml``
     text: str
-    notes: tuple[str, ...]  # what the format cannot say, with values, and what was changed beside inertias
+    notes: tuple[
+        str, ...
+    ]  # what the format cannot say, with values, and what was changed beside inertias
 
 
 def identified_robot(
-    mechanism: Mechanism, standard: npt.ArrayLike, file: RobotFile | None = None, remarks: Sequence[str] = ()
+    mechanism: Mechanism,
+    standard: npt.ArrayLike,
+    file: RobotFile | None = None,
+    remarks: Sequence[str] = (),
 ) -> tuple[WrittenRobot, ...]:
     """Write identified standard parameters, shape (p,), into the robot's file, with remarks at its head."""
     values = sorted_values(mechanism, standard)
@@ -41,10 +46,20 @@ def identified_robot(
         model = NamedModel(text, file.mjcf)
         if not model.is_complete:  # it multiplies or attaches bodies
             return _from_description(mechanism, values, remarks)
-        return (WrittenRobot("identified.xml", *MjcfEditor(mechanism, values, model, file.source).written(remarks)),)
+        return (
+            WrittenRobot(
+                "identified.xml",
+                *MjcfEditor(mechanism, values, model, file.source).written(remarks),
+            ),
+        )
     from echelon.formats.writers.urdf_writer import UrdfEditor
 
-    return (WrittenRobot("identified.urdf", *UrdfEditor(mechanism, values, text, file.source).written(remarks)),)
+    return (
+        WrittenRobot(
+            "identified.urdf",
+            *UrdfEditor(mechanism, values, text, file.source).written(remarks),
+        ),
+    )
 
 
 def _from_description(
@@ -56,23 +71,39 @@ def _from_description(
     from echelon.formats.writers.urdf_writer import UrdfGenerator, urdf_obstacle
 
     document = write_description(_with_values(mechanism, values))
-    dumped = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
-    dumped = "".join(f"# {' '.join(remark.split())}\n" for remark in remarks) + str(dumped)
+    dumped = yaml.safe_dump(
+        document,
+        sort_keys=False,
+        allow_unicode=True,
+        width=120,
+        default_flow_style=None,
+    )
+    dumped = "".join(f"# {' '.join(remark.split())}\n" for remark in remarks) + str(
+        dumped
+    )
     obstacle = urdf_obstacle(mechanism, values)
     if obstacle:
         missing = f"there is no URDF of this robot beside it: {obstacle}"
         return (WrittenRobot("identified.yaml", dumped, (*remarks, missing)),)
     return (
         WrittenRobot("identified.yaml", dumped, tuple(remarks)),
-        WrittenRobot("identified.urdf", *UrdfGenerator(mechanism, values).written(remarks)),
+        WrittenRobot(
+            "identified.urdf", *UrdfGenerator(mechanism, values).written(remarks)
+        ),
     )
 
 
 def _with_values(mechanism: Mechanism, values: IdentifiedValues) -> Mechanism:
     """The mechanism as if its file had stated the identified values."""
     bodies = tuple(
-        replace(body, inertial=tuple(float(v) for v in np.asarray(ten)) if body.carried else None)
+        replace(
+            body,
+            inertial=tuple(float(v) for v in np.asarray(ten)) if body.carried else None,
+        )
         for body, ten in zip(mechanism.bodies, values.bodies, strict=True)
     )
-    effects = tuple(replace(effect, value=values.effects[effect.parameter]) for effect in mechanism.effects)
+    effects = tuple(
+        replace(effect, value=values.effects[effect.parameter])
+        for effect in mechanism.effects
+    )
     return replace(mechanism, bodies=bodies, effects=effects)

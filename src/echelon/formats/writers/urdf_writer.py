@@ -53,7 +53,10 @@ _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 def inertial_lines(load: Load) -> list[str]:
     """The element <inertial> of a load, along the axes of the link's frame."""
-    moments = " ".join(f'{name}="{number_text(v)}"' for name, v in zip(_MOMENTS, load.moments, strict=True))
+    moments = " ".join(
+        f'{name}="{number_text(v)}"'
+        for name, v in zip(_MOMENTS, load.moments, strict=True)
+    )
     return [
         "<inertial>",
         f'  <origin xyz="{number_text(*load.centre)}" rpy="0 0 0"/>',
@@ -66,21 +69,43 @@ def inertial_lines(load: Load) -> list[str]:
 class UrdfEditor:
     """Puts identified values in the place of those of a URDF document."""
 
-    def __init__(self, mechanism: Mechanism, values: IdentifiedValues, text: str, source: str) -> None:
-        self.mechanism, self.values, self.editor, self.source = mechanism, values, XmlEditor(text, source), source
+    def __init__(
+        self, mechanism: Mechanism, values: IdentifiedValues, text: str, source: str
+    ) -> None:
+        self.mechanism, self.values, self.editor, self.source = (
+            mechanism,
+            values,
+            XmlEditor(text, source),
+            source,
+        )
         self.links = {str(e.get("name")): e for e in self.editor.root.findall("link")}
         self.joints = {str(e.get("name")): e for e in self.editor.root.findall("joint")}
-        self.carriers = {_end(joint, "child"): _end(joint, "parent") for joint in self.joints.values()}
-        self.bodies = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
+        self.carriers = {
+            _end(joint, "child"): _end(joint, "parent")
+            for joint in self.joints.values()
+        }
+        self.bodies = {
+            b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR
+        }
 
     def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         """The document, and notes."""
         strange = next((name for name in self.bodies if name not in self.links), None)
         if strange is not None:
-            raise InputError("the file has no such link", source=self.source, element=f"body '{strange}'")
+            raise InputError(
+                "the file has no such link",
+                source=self.source,
+                element=f"body '{strange}'",
+            )
         notes = [*remarks, *self._write_links()]
-        single = {name for name, joint in self.joints.items() if joint.get("type") in SINGLE_AXIS}
-        effects = joint_effects(self.mechanism, self.values.effects, DYNAMICS, single, FORMAT)
+        single = {
+            name
+            for name, joint in self.joints.items()
+            if joint.get("type") in SINGLE_AXIS
+        }
+        effects = joint_effects(
+            self.mechanism, self.values.effects, DYNAMICS, single, FORMAT
+        )
         notes += self._write_dynamics(effects)
         notes += effects.notes
         notes += reading_notes(self.mechanism, self.values, self.editor.root, FORMAT)
@@ -94,11 +119,17 @@ class UrdfEditor:
         massless: list[str] = []
         for name, link in self.links.items():
             inertials = link.findall("inertial")
-            load = load_of(self.values.bodies[self.bodies[name]], name) if name in self.bodies else None
+            load = (
+                load_of(self.values.bodies[self.bodies[name]], name)
+                if name in self.bodies
+                else None
+            )
             if load is not None:
                 self._write_inertial(link, inertials, load)
             elif name in self.bodies or self._rides(name):
-                (massless if name in self.bodies else lumped).extend([name] if inertials else [])
+                (massless if name in self.bodies else lumped).extend(
+                    [name] if inertials else []
+                )
                 for element in inertials:
                     self.editor.remove(element)
         if lumped:
@@ -123,13 +154,19 @@ class UrdfEditor:
         place = {"xyz": number_text(*load.centre), "rpy": "0 0 0"}
         origin = first.find("origin")
         if origin is None:
-            self.editor.insert_first(first, [f'<origin xyz="{place["xyz"]}" rpy="0 0 0"/>'])
+            self.editor.insert_first(
+                first, [f'<origin xyz="{place["xyz"]}" rpy="0 0 0"/>']
+            )
         elif set(origin.keys()) <= place.keys():
             self.editor.set_attributes(origin, place)
         else:  # another notation of the orientation would contradict this one
             self.editor.replace(origin, f'<origin xyz="{place["xyz"]}" rpy="0 0 0"/>')
-        self.editor.set_attributes(first.find("mass"), {"value": number_text(load.mass)})
-        moments = {name: number_text(v) for name, v in zip(_MOMENTS, load.moments, strict=True)}
+        self.editor.set_attributes(
+            first.find("mass"), {"value": number_text(load.mass)}
+        )
+        moments = {
+            name: number_text(v) for name, v in zip(_MOMENTS, load.moments, strict=True)
+        }
         self.editor.set_attributes(first.find("inertia"), moments)
 
     # -- joints ----------------------------------------------------------------------------------------------------
@@ -141,10 +178,14 @@ class UrdfEditor:
             written = {key: number_text(value) for key, value in numbers.items()}
             element = joint.find("dynamics")
             if element is not None:
-                stated[name] = {key: stated_number(element.get(key)) for key in DYNAMICS.values()}
+                stated[name] = {
+                    key: stated_number(element.get(key)) for key in DYNAMICS.values()
+                }
                 self.editor.set_attributes(element, written)
             elif written:
-                attributes = "".join(f' {key}="{value}"' for key, value in written.items())
+                attributes = "".join(
+                    f' {key}="{value}"' for key, value in written.items()
+                )
                 self.editor.insert_first(joint, [f"<dynamics{attributes}/>"])
         yield from kept_notes(stated, effects.attributes)
 
@@ -161,17 +202,28 @@ _USUAL_GRAVITY = (0, 0, Fraction(-981, 100))
 
 def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
     """The reason why URDF cannot express a mechanism with these values; empty if it can."""
-    rotors = {m.name for body in mechanism.bodies if body.joint.kind == ROTOR for m in body.joint.motions}
+    rotors = {
+        m.name
+        for body in mechanism.bodies
+        if body.joint.kind == ROTOR
+        for m in body.joint.motions
+    }
     coupled = [c.coordinate for c in mechanism.couplings if c.coordinate not in rotors]
     if mechanism.closures:
         return "the mechanism has loops"
     if coupled:
         return f"the mechanism has couplings, of {in_quotes(coupled)}"
     base = _floating_base(mechanism)
-    for index, (body, ten) in enumerate(zip(mechanism.bodies, values.bodies, strict=True)):
-        if index != base and any(motion.kind not in _TYPES for motion in body.joint.motions):
+    for index, (body, ten) in enumerate(
+        zip(mechanism.bodies, values.bodies, strict=True)
+    ):
+        if index != base and any(
+            motion.kind not in _TYPES for motion in body.joint.motions
+        ):
             return f"joint '{body.joint.name}' is neither made of rotations and translations nor a floating base"
-        if body.joint.kind == ROTOR and any(other.parent == index for other in mechanism.bodies):
+        if body.joint.kind == ROTOR and any(
+            other.parent == index for other in mechanism.bodies
+        ):
             return f"rotor '{body.name}' carries other bodies"
         if not has_centre(ten):
             return f"body '{body.name}' has first moments and no positive mass, so it has no centre of mass"
@@ -197,9 +249,17 @@ class UrdfGenerator:
         self.links = {body.name for body in mechanism.bodies}
         self.joints = {motion.name for motion in mechanism.motions}
         self.base = _floating_base(mechanism)
-        moving = [b for k, b in enumerate(mechanism.bodies) if k != self.base and b.joint.kind != ROTOR]
-        self.single = {motion.name for body in moving for motion in body.joint.motions}  # what becomes a joint
-        self.effects = joint_effects(mechanism, values.effects, DYNAMICS, self.single, FORMAT)
+        moving = [
+            b
+            for k, b in enumerate(mechanism.bodies)
+            if k != self.base and b.joint.kind != ROTOR
+        ]
+        self.single = {
+            motion.name for body in moving for motion in body.joint.motions
+        }  # what becomes a joint
+        self.effects = joint_effects(
+            mechanism, values.effects, DYNAMICS, self.single, FORMAT
+        )
 
     def written(self, remarks: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
         """The document, and notes."""
@@ -212,7 +272,9 @@ class UrdfGenerator:
             if body.joint.kind == ROTOR:
                 continue
             if index == self.base:
-                seats[index] = _Seat(body.name, self._placed(body.joint.steps[len(_FLOATING) :]))
+                seats[index] = _Seat(
+                    body.name, self._placed(body.joint.steps[len(_FLOATING) :])
+                )
             else:
                 joints, seats[index] = self._joints(body, seats[body.parent])
                 lines += joints
@@ -226,7 +288,11 @@ class UrdfGenerator:
         load = load_of(move(self.values.bodies[index], seat.frame), seat.link)
         if load is None:
             return [f"<link name={quoted(seat.link)}/>"]
-        return [f"<link name={quoted(seat.link)}>", *(f"  {line}" for line in inertial_lines(load)), "</link>"]
+        return [
+            f"<link name={quoted(seat.link)}>",
+            *(f"  {line}" for line in inertial_lines(load)),
+            "</link>",
+        ]
 
     def _joints(self, body: Body, parent: _Seat) -> tuple[list[str], _Seat]:
         """The joints between a body and its parent, and the links between them."""
@@ -234,7 +300,14 @@ class UrdfGenerator:
         link, frame, left = parent.link, parent.frame, len(body.joint.motions)
         if not left:
             name = _new(body.joint.name or body.name, self.joints)
-            lines += _joint(name, "fixed", link, body.name, frame @ self._placed(body.joint.steps), [])
+            lines += _joint(
+                name,
+                "fixed",
+                link,
+                body.name,
+                frame @ self._placed(body.joint.steps),
+                [],
+            )
             return lines, _Seat(body.name, np.eye(4))
         for step in body.joint.steps:
             if isinstance(step, Placement):
@@ -242,7 +315,9 @@ class UrdfGenerator:
                 continue
             left -= 1
             child = _new(f"{body.name}.{step.name}", self.links) if left else body.name
-            lines += _joint(step.name, _TYPES[step.kind], link, child, frame, self._moving(step))
+            lines += _joint(
+                step.name, _TYPES[step.kind], link, child, frame, self._moving(step)
+            )
             lines += [f"<link name={quoted(child)}/>"] if left else []
             link, frame = child, np.eye(4)
         return lines, _Seat(link, frame)
@@ -250,7 +325,9 @@ class UrdfGenerator:
     def _moving(self, motion: Motion) -> list[str]:
         axis = " ".join(str(motion.sign if k == motion.axis else 0) for k in range(3))
         numbers = self.effects.attributes.get(motion.name, {})
-        dynamics = "".join(f' {key}="{number_text(value)}"' for key, value in numbers.items())
+        dynamics = "".join(
+            f' {key}="{number_text(value)}"' for key, value in numbers.items()
+        )
         return [
             f'<axis xyz="{axis}"/>',
             *([_UNLIMITED] if motion.kind is MotionKind.TRANSLATION else []),
@@ -259,40 +336,67 @@ class UrdfGenerator:
 
     def _placed(self, steps: tuple[object, ...]) -> Floats:
         """Placements one after the other as a homogeneous matrix."""
-        placements = (placement_matrix(step, self.known) for step in steps if isinstance(step, Placement))
+        placements = (
+            placement_matrix(step, self.known)
+            for step in steps
+            if isinstance(step, Placement)
+        )
         return reduce(np.matmul, placements, np.eye(4))
 
     def _notes(self) -> Iterator[str]:
         yield from self.effects.notes
         yield from rotor_notes(self.mechanism, self.values, FORMAT)
         if self.mechanism.actuators:
-            yield f"torques are those of joints; {FORMAT} lacks the transmission of " + in_quotes(
-                actuator.name for actuator in self.mechanism.actuators
+            yield (
+                f"torques are those of joints; {FORMAT} lacks the transmission of "
+                + in_quotes(actuator.name for actuator in self.mechanism.actuators)
             )
         gravity = [expression_text(part) for part in self.mechanism.gravity or ORIGIN]
         if gravity != [expression_text(as_polynomial(part)) for part in _USUAL_GRAVITY]:
             yield f"{FORMAT} has no gravity: in the base frame it is ({', '.join(gravity)}) m/s²"
-        sliding = [m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION and m.name in self.single]
+        sliding = [
+            m.name
+            for m in self.mechanism.motions
+            if m.kind is MotionKind.TRANSLATION and m.name in self.single
+        ]
         if sliding:
             yield f"the limits of {in_quotes(sliding)} are made up, because {FORMAT} demands some"
 
 
-def _joint(name: str, kind: str, parent: str, child: str, frame: Floats, inside: list[str]) -> list[str]:
+def _joint(
+    name: str, kind: str, parent: str, child: str, frame: Floats, inside: list[str]
+) -> list[str]:
     placed = f'<origin xyz="{number_text(*frame[:3, 3])}" rpy="{number_text(*roll_pitch_yaw(frame[:3, :3]))}"/>'
     ends = [f"<parent link={quoted(parent)}/>", f"<child link={quoted(child)}/>"]
     lines = [placed, *ends, *inside]
-    return [f"<joint name={quoted(name)} type={quoted(kind)}>", *(f"  {line}" for line in lines), "</joint>"]
+    return [
+        f"<joint name={quoted(name)} type={quoted(kind)}>",
+        *(f"  {line}" for line in lines),
+        "</joint>",
+    ]
 
 
 def _floating_base(mechanism: Mechanism) -> int | None:
     """The body that is a floating base and carries the whole robot."""
-    hanging = [k for k, body in enumerate(mechanism.bodies) if body.parent == GROUND and body.joint.kind != ROTOR]
+    hanging = [
+        k
+        for k, body in enumerate(mechanism.bodies)
+        if body.parent == GROUND and body.joint.kind != ROTOR
+    ]
     if len(hanging) != 1:
         return None
     motions = mechanism.bodies[hanging[0]].joint.motions
     first = mechanism.bodies[hanging[0]].joint.steps[: len(_FLOATING)]
-    plain = [(motion.axis, motion.sign) for motion in motions[:3]] == [(0, 1), (1, 1), (2, 1)]
-    return hanging[0] if motions == first and plain and tuple(m.kind for m in motions) == _FLOATING else None
+    plain = [(motion.axis, motion.sign) for motion in motions[:3]] == [
+        (0, 1),
+        (1, 1),
+        (2, 1),
+    ]
+    return (
+        hanging[0]
+        if motions == first and plain and tuple(m.kind for m in motions) == _FLOATING
+        else None
+    )
 
 
 def _new(name: str, taken: set[str]) -> str:

@@ -21,7 +21,9 @@ _TAG = re.compile(
     re.DOTALL,
 )
 _ATTRIBUTE = re.compile(r"([^\s=<>\"'/]+)\s*=\s*(\"[^\"]*\"|'[^']*')")
-_DECLARATION = re.compile(r"^\ufeff?<\?xml[^>]*?encoding\s*=\s*[\"']([A-Za-z][A-Za-z0-9._-]*)[\"']")
+_DECLARATION = re.compile(
+    r"^\ufeff?<\?xml[^>]*?encoding\s*=\s*[\"']([A-Za-z][A-Za-z0-9._-]*)[\"']"
+)
 _UNIT = "  "
 
 
@@ -63,7 +65,10 @@ class XmlEditor:
     def remove(self, element: Any) -> None:
         """Take an element out, with its line if it had that to itself."""
         span = self._spans[element]
-        line, rest = self._line_start(span.start), re.compile(r"[ \t]*\r?\n").match(self.text, span.end)
+        line, rest = (
+            self._line_start(span.start),
+            re.compile(r"[ \t]*\r?\n").match(self.text, span.end),
+        )
         if rest and not self.text[line : span.start].strip():
             self._edits.append((line, rest.end(), ""))
         else:
@@ -85,7 +90,11 @@ class XmlEditor:
         assert end is not None, "a tag ends in >"
         added = "".join(f" {name}={quoted(value)}" for name, value in missing.items())
         self._edits.append(
-            (span.start, span.content, "".join([*pieces, rest[: end.start()], added, rest[end.start() :]]))
+            (
+                span.start,
+                span.content,
+                "".join([*pieces, rest[: end.start()], added, rest[end.start() :]]),
+            )
         )
 
     def drop_attributes(self, element: Any, names: Collection[str]) -> None:
@@ -93,7 +102,9 @@ class XmlEditor:
         span = self._spans[element]
         for match in _ATTRIBUTE.finditer(self.text, span.start, span.content):
             if match[1] in names:
-                gap = len(self.text[span.start : match.start()]) - len(self.text[span.start : match.start()].rstrip())
+                gap = len(self.text[span.start : match.start()]) - len(
+                    self.text[span.start : match.start()].rstrip()
+                )
                 self._edits.append((match.start() - gap, match.end(), ""))
 
     def insert_first(self, element: Any, lines: Sequence[str]) -> None:
@@ -101,17 +112,29 @@ class XmlEditor:
         span = self._spans[element]
         before = self.text[self._line_start(span.start) : span.start]
         outer = "" if before.strip() else before
-        first = None if span.is_empty else re.compile(r"\s*\n([ \t]*)<(?!/)").match(self.text, span.content)
+        first = (
+            None
+            if span.is_empty
+            else re.compile(r"\s*\n([ \t]*)<(?!/)").match(self.text, span.content)
+        )
         inner = self._newline + (first[1] if first else outer + _UNIT)
         block = "".join(inner + line for line in lines)
         if not span.is_empty:
             has_lines = self.text.find("\n", span.content, span.close) >= 0
-            self._edits.append((span.content, span.content, block if has_lines else block + self._newline + outer))
+            self._edits.append(
+                (
+                    span.content,
+                    span.content,
+                    block if has_lines else block + self._newline + outer,
+                )
+            )
             return
         tag = self.text[span.start : span.end].removesuffix("/>").rstrip()
         name = re.match(r"<([^\s/>]+)", tag)
         assert name is not None, "a tag has a name"
-        self._edits.append((span.start, span.end, f"{tag}>{block}{self._newline}{outer}</{name[1]}>"))
+        self._edits.append(
+            (span.start, span.end, f"{tag}>{block}{self._newline}{outer}</{name[1]}>")
+        )
 
     def result(self) -> str:
         """The text with all changes."""
@@ -143,7 +166,9 @@ def decoded(data: bytes, source: str) -> str:
 def quoted(value: str) -> str:
     """An attribute's value in quotes, escaped."""
     if any(not _is_allowed(character) for character in value):
-        raise InputError(f"XML cannot have the name {value!r}: it has control characters")
+        raise InputError(
+            f"XML cannot have the name {value!r}: it has control characters"
+        )
     return f'"{escape(value, {chr(34): "&quot;", chr(10): "&#10;", chr(13): "&#13;", chr(9): "&#9;"})}"'
 
 
@@ -151,7 +176,9 @@ def comment(lines: Sequence[str]) -> list[str]:
     """Lines of a comment; two hyphens, which end one, are parted, and control characters replaced."""
 
     def safe(line: str) -> str:
-        printable = "".join(c if c.isprintable() and _is_allowed(c) else " " for c in line)
+        printable = "".join(
+            c if c.isprintable() and _is_allowed(c) else " " for c in line
+        )
         return re.sub("-(?=-)", "- ", printable)
 
     return ["<!--", *(f"{_UNIT}{safe(line)}" for line in lines), "-->"]
@@ -159,7 +186,9 @@ def comment(lines: Sequence[str]) -> list[str]:
 
 def _is_allowed(character: str) -> bool:
     code = ord(character)
-    return character in "\t\n\r" or (code >= 0x20 and not 0xD800 <= code <= 0xDFFF and code not in (0xFFFE, 0xFFFF))
+    return character in "\t\n\r" or (
+        code >= 0x20 and not 0xD800 <= code <= 0xDFFF and code not in (0xFFFE, 0xFFFF)
+    )
 
 
 def _spans(text: str, root: Any) -> dict[Any, _Span]:

@@ -24,28 +24,46 @@ from echelon.identification.rows.rows import Rows
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import safe_norms
 
-BATCHED = ("ols", "wls", "irls", "huber")  # estimators whose covariance can come from batches of time
+BATCHED = (
+    "ols",
+    "wls",
+    "irls",
+    "huber",
+)  # estimators whose covariance can come from batches of time
 _BY_FACTORS = ("ols", "wls", "irls")
 _ALL = 1e-9
 
 
-def clustered(rows: Rows, estimate: Estimate, *, seconds: float | None = None, clusters: int = 40) -> Estimate:
+def clustered(
+    rows: Rows, estimate: Estimate, *, seconds: float | None = None, clusters: int = 40
+) -> Estimate:
     """The same estimate with a covariance from batches of time."""
     if estimate.method not in BATCHED:
-        raise InputError(f"the covariance of '{estimate.method}' has no batches; expected one of {', '.join(BATCHED)}")
-    if (estimate.parameters, estimate.outputs) != (rows.layout.parameters, rows.layout.outputs):
+        raise InputError(
+            f"the covariance of '{estimate.method}' has no batches; expected one of {', '.join(BATCHED)}"
+        )
+    if (estimate.parameters, estimate.outputs) != (
+        rows.layout.parameters,
+        rows.layout.outputs,
+    ):
         raise InputError("the rows have other parameters or outputs than the estimate")
     length = _length(rows, clusters) if seconds is None else float(seconds)
     if not (np.isfinite(length) and length > 0):
-        raise InputError(f"batches of {length} s; expected a positive number of seconds")
+        raise InputError(
+            f"batches of {length} s; expected a positive number of seconds"
+        )
     scores = _Scores.of(rows.observation(), rows.units, estimate)
     return _judged(estimate, scores, _batches(rows, scores, length), length)
 
 
-def clustered_by(batches: Sequence[Batch], units: Sequence[str], estimate: Estimate) -> Estimate:
+def clustered_by(
+    batches: Sequence[Batch], units: Sequence[str], estimate: Estimate
+) -> Estimate:
     """The same from the R-factors of batches, without another pass over the rows."""
     if estimate.method not in _BY_FACTORS:
-        raise InputError(f"R-factors do not determine the covariance of '{estimate.method}'; expected ols, wls or irls")
+        raise InputError(
+            f"R-factors do not determine the covariance of '{estimate.method}'; expected ols, wls or irls"
+        )
     if len(batches) < 2:
         raise InputError("all rows lie within one batch: use shorter batches")
     scores = _Scores.of(total(batches), units, estimate)
@@ -53,7 +71,9 @@ def clustered_by(batches: Sequence[Batch], units: Sequence[str], estimate: Estim
     return _judged(estimate, scores, _from_factors(batches, scores), length)
 
 
-def _judged(estimate: Estimate, scores: _Scores, batches: Iterable[_Batch], length: float) -> Estimate:
+def _judged(
+    estimate: Estimate, scores: _Scores, batches: Iterable[_Batch], length: float
+) -> Estimate:
     """The estimate with the covariance that its batches make."""
     changes, sums = [], np.zeros(len(estimate.outputs))
     for batch in batches:
@@ -61,11 +81,14 @@ def _judged(estimate: Estimate, scores: _Scores, batches: Iterable[_Batch], leng
         sums += batch.own
     count = len(changes)
     if count < 2:
-        raise InputError(f"all rows lie within one batch of {length:g} s: use shorter batches")
+        raise InputError(
+            f"all rows lie within one batch of {length:g} s: use shorter batches"
+        )
     spread = np.sqrt((count - 1) / count) * np.array(changes) @ scores.solution.root.T
     inflation = scores.inflation(sums)
     effective = {
-        label: float(k / max(v, 1.0)) for label, k, v in zip(estimate.outputs, estimate.rows, inflation, strict=True)
+        label: float(k / max(v, 1.0))
+        for label, k, v in zip(estimate.outputs, estimate.rows, inflation, strict=True)
     }
     found = {
         "covariance": "jackknife by batch",
@@ -76,7 +99,12 @@ def _judged(estimate: Estimate, scores: _Scores, batches: Iterable[_Batch], leng
     }
     covariance: Floats = spread.T @ spread
     diagnostics = {**estimate.diagnostics, **found}
-    return replace(estimate, covariance=covariance, degrees=float(count - 1), diagnostics=diagnostics)
+    return replace(
+        estimate,
+        covariance=covariance,
+        degrees=float(count - 1),
+        diagnostics=diagnostics,
+    )
 
 
 @dataclass
@@ -86,7 +114,9 @@ class _Batch:
     name: str
     pull: Floats  # Σ R⁻ᵀWᵀψ, shape (n,)
     gram: Floats  # Σ R⁻ᵀWᵀW R⁻¹, shape (n, n)
-    output_pulls: list[Floats]  # the same for each output's own columns and own unit matrix
+    output_pulls: list[
+        Floats
+    ]  # the same for each output's own columns and own unit matrix
 
     @property
     def own(self) -> Floats:
@@ -107,25 +137,37 @@ class _Scores:
     squares: Floats  # Σ ψ² of each output, filled while the rows pass
 
     @staticmethod
-    def of(observation: Observation, units: Sequence[str], estimate: Estimate) -> _Scores:
+    def of(
+        observation: Observation, units: Sequence[str], estimate: Estimate
+    ) -> _Scores:
         m = len(estimate.outputs)
         weights = np.asarray(estimate.diagnostics["weights"], dtype=float)
         clips = np.asarray(estimate.diagnostics.get("clips", [np.inf] * m), dtype=float)
         slopes = np.asarray(estimate.diagnostics.get("slopes", [1.0] * m), dtype=float)
         solution = solved(observation, units, weights * np.sqrt(slopes))
         roots = tuple(
-            _pseudo_root(R[:-1, :-1], k) for R, k in zip(observation.factors, observation.counts, strict=True)
+            _pseudo_root(R[:-1, :-1], k)
+            for R, k in zip(observation.factors, observation.counts, strict=True)
         )
         return _Scores(estimate, solution, weights, clips, slopes, roots, np.zeros(m))
 
     def empty(self, name: str) -> _Batch:
         n = len(self.estimate.values)
-        return _Batch(name, np.zeros(n), np.zeros((n, n)), [np.zeros(root.shape[1]) for root in self.own_roots])
+        return _Batch(
+            name,
+            np.zeros(n),
+            np.zeros((n, n)),
+            [np.zeros(root.shape[1]) for root in self.own_roots],
+        )
 
     def add(self, batch: _Batch, output: int, matrix: Floats, y: Floats) -> None:
         """Take in rows of one output."""
         columns = list(self.solution.observation.layout.columns[output])
-        residual = np.clip(y - matrix @ self.estimate.values[columns], -self.clips[output], self.clips[output])
+        residual = np.clip(
+            y - matrix @ self.estimate.values[columns],
+            -self.clips[output],
+            self.clips[output],
+        )
         white = matrix @ self.solution.root[columns]
         weight = self.weights[output] ** 2
         batch.pull += weight * residual @ white
@@ -146,8 +188,15 @@ class _Scores:
         """Why a batch cannot be left out: without it something is not determined."""
         shares, directions = np.linalg.eigh(batch.gram)
         if shares[0] > 1 - _ALL:
-            return InputError("it holds all that the data say: use shorter batches", element=batch.name)
-        weight = np.abs(self.solution.triangle.R.T @ directions[:, -1] / self.solution.triangle.scales)
+            return InputError(
+                "it holds all that the data say: use shorter batches",
+                element=batch.name,
+            )
+        weight = np.abs(
+            self.solution.triangle.R.T
+            @ directions[:, -1]
+            / self.solution.triangle.scales
+        )
         names = ", ".join(self.estimate.parameters[k] for k in np.argsort(-weight)[:3])
         return InputError(
             f"without it the data say nothing of a combination of {names}, so no other batch can confirm it: "
@@ -158,7 +207,11 @@ class _Scores:
     def inflation(self, sums: Floats) -> Floats:
         """Variance of each output's pull relative to white residuals, shape (m,); 1 for outputs without rows."""
         ranks = np.array([root.shape[1] for root in self.own_roots])
-        white = ranks * self.squares / np.maximum(np.array(self.solution.observation.counts), 1)
+        white = (
+            ranks
+            * self.squares
+            / np.maximum(np.array(self.solution.observation.counts), 1)
+        )
         return np.where(white > 0, sums / np.where(white > 0, white, 1.0), 1.0)
 
 
@@ -194,7 +247,10 @@ def _length(rows: Rows, clusters: int) -> float:
         times = [some for some in block.times if some.size]
         if times:
             first, last = spans.get(block.source, (np.inf, -np.inf))
-            spans[block.source] = min(first, *(s[0] for s in times)), max(last, *(s[-1] for s in times))
+            spans[block.source] = (
+                min(first, *(s[0] for s in times)),
+                max(last, *(s[-1] for s in times)),
+            )
     total = sum(last - first for first, last in spans.values())
     if not total > 0:
         raise InputError("the rows span no time, so they cannot be cut into batches")
@@ -208,7 +264,9 @@ def _batches(rows: Rows, scores: _Scores, seconds: float) -> Iterable[_Batch]:
     for block in rows.blocks():
         begins = [float(times[0]) for times in block.times if times.size]
         start = starts.setdefault(block.source, min(begins)) if begins else 0.0
-        for output, (times, matrix, y) in enumerate(zip(block.times, block.matrices, block.y, strict=True)):
+        for output, (times, matrix, y) in enumerate(
+            zip(block.times, block.matrices, block.y, strict=True)
+        ):
             numbers = ((times - start) // seconds).astype(int)
             for number in np.unique(numbers).tolist():
                 if (block.source, number) not in found:
@@ -216,5 +274,7 @@ def _batches(rows: Rows, scores: _Scores, seconds: float) -> Iterable[_Batch]:
                     name = f"{block.source}, batch from {low:g} to {low + seconds:g} s"
                     found[block.source, number] = scores.empty(name)
                 inside = numbers == number
-                scores.add(found[block.source, number], output, matrix[inside], y[inside])
+                scores.add(
+                    found[block.source, number], output, matrix[inside], y[inside]
+                )
     return found.values()

@@ -56,14 +56,18 @@ def tls(observation: Observation, units: Sequence[str]) -> Estimate:
     """Total least squares."""
     plain = solved(observation, units)
     if plain.degrees <= 0:
-        raise InputError("no row is left over to estimate the errors from; give more samples")
+        raise InputError(
+            "no row is left over to estimate the errors from; give more samples"
+        )
     triangle = plain.triangle
     size = float(np.hypot(np.linalg.norm(triangle.qty), triangle.residual))
     if size == 0:
         raise InputError("all measured values are zero; there is nothing to estimate")
     scale = triangle.scales / size
     values, singular, gap = _smallest(triangle, scale)
-    K = np.eye(len(scale)) - singular[-1] ** 2 * (scale[:, None] * plain.root).T @ (scale[:, None] * plain.root)
+    K = np.eye(len(scale)) - singular[-1] ** 2 * (scale[:, None] * plain.root).T @ (
+        scale[:, None] * plain.root
+    )
     variance = float(singular[-1] ** 2 / plain.degrees)
     covariance = _tls_covariance(plain.root, K, values, scale, variance, triangle.rows)
     diagnostics = {
@@ -74,7 +78,9 @@ def tls(observation: Observation, units: Sequence[str]) -> Estimate:
         "smallest_singular_values": singular[::-1][:3].tolist(),
         "gap": gap,
     }
-    return estimate_of(replace(plain, values=values), "tls", units, covariance, diagnostics)
+    return estimate_of(
+        replace(plain, values=values), "tls", units, covariance, diagnostics
+    )
 
 
 def _smallest(triangle: Triangle, scale: Floats) -> tuple[Floats, Floats, float | None]:
@@ -83,7 +89,9 @@ def _smallest(triangle: Triangle, scale: Floats) -> tuple[Floats, Floats, float 
     singular, vectors = np.linalg.svd(whole)[1:]
     alone = np.linalg.svd(whole[:, :-1], compute_uv=False)[-1]
     if not alone > singular[-1] * (1 + _DISTINCT) or abs(vectors[-1, -1]) < _DISTINCT:
-        names = [triangle.parameters[k] for k in np.argsort(-np.abs(vectors[-1, :-1]))[:3]]
+        names = [
+            triangle.parameters[k] for k in np.argsort(-np.abs(vectors[-1, :-1]))[:3]
+        ]
         raise InputError(
             f"total least squares has no solution here: columns ({', '.join(names)}, …) are as close to dependence "
             f"without y as with it (smallest singular value {singular[-1]:.3g}); use ridge() towards a prior"
@@ -92,7 +100,9 @@ def _smallest(triangle: Triangle, scale: Floats) -> tuple[Floats, Floats, float 
     return values, singular, float(alone / singular[-1]) if singular[-1] > 0 else None
 
 
-def _tls_covariance(root: Floats, K: Floats, values: Floats, scale: Floats, variance: float, rows: int) -> Floats:
+def _tls_covariance(
+    root: Floats, K: Floats, values: Floats, scale: Floats, variance: float, rows: int
+) -> Floats:
     """M⁻¹σ_v² + N M⁻¹(Σ_uu σ_v² − Σ_uv Σ_vu)M⁻¹ with M = WᵀW less the errors' share and v the error of W ζ − y."""
     bias = scale**2 * values
     total = 1.0 + float(values @ bias)
@@ -110,19 +120,27 @@ def instrumental(rows: Rows, instruments: Rows | Callable[[Floats], Rows]) -> Es
     """Instrumental-variable estimate; instruments may be those that the last estimate simulates."""
     observation = rows.observation()
     level = irls(observation, rows.units).noise
-    level = np.where(np.isfinite(level), np.maximum(level, noise_floor(observation)), np.inf)
+    level = np.where(
+        np.isfinite(level), np.maximum(level, noise_floor(observation)), np.inf
+    )
     values = solved(observation, rows.units, 1.0 / level).values
     for iteration in range(1, _LIMIT + 1):
-        factors = _factors(rows, instruments(values) if callable(instruments) else instruments)
+        factors = _factors(
+            rows, instruments(values) if callable(instruments) else instruments
+        )
         found = _settled(observation, factors, level)
-        change = float(np.linalg.norm(found.Rzw @ (found.values - values)) / np.sqrt(len(values)))
+        change = float(
+            np.linalg.norm(found.Rzw @ (found.values - values)) / np.sqrt(len(values))
+        )
         values, level = found.values, found.noise
         course = {"iterations": iteration, "change": change}
         done = change <= _TOLERANCE or not callable(instruments)
         if done:
             break
     plain = solved(observation, rows.units, 1.0 / level)
-    return _iv_estimate(plain, found, rows.units, {**course, "converged": bool(done and found.settled)})
+    return _iv_estimate(
+        plain, found, rows.units, {**course, "converged": bool(done and found.settled)}
+    )
 
 
 @dataclass(frozen=True)
@@ -142,17 +160,28 @@ def _factors(rows: Rows, instruments: Rows) -> list[Floats]:
     """R-factors of [Z_i W_i y_i], output by output."""
     layout = rows.layout
     if instruments.layout != layout:
-        raise InputError("the instruments have other outputs or parameters than the rows")
+        raise InputError(
+            "the instruments have other outputs or parameters than the rows"
+        )
     factors = [np.zeros((2 * size - 1, 2 * size - 1)) for size in layout.sizes]
     for block, other in zip_longest(rows.blocks(), instruments.blocks()):
         if block is None or other is None:
-            raise InputError("the instruments come in more or fewer blocks than the rows")
+            raise InputError(
+                "the instruments come in more or fewer blocks than the rows"
+            )
         _same_rows(layout, block, other)
-        for i, (Z, W, y) in enumerate(zip(other.matrices, block.matrices, block.y, strict=True)):
-            factors[i] = upper_triangle(np.vstack([factors[i], np.column_stack([Z, W, y])]))
+        for i, (Z, W, y) in enumerate(
+            zip(other.matrices, block.matrices, block.y, strict=True)
+        ):
+            factors[i] = upper_triangle(
+                np.vstack([factors[i], np.column_stack([Z, W, y])])
+            )
     for label, factor in zip(layout.outputs, factors, strict=True):
         if not np.isfinite(factor).all():
-            raise InputError("rows or instruments contain numbers that are not finite", element=f"output '{label}'")
+            raise InputError(
+                "rows or instruments contain numbers that are not finite",
+                element=f"output '{label}'",
+            )
     return factors
 
 
@@ -167,7 +196,9 @@ def _same_rows(layout: Layout, block: RowBlock, other: RowBlock) -> None:
             )
 
 
-def _settled(observation: Observation, factors: list[Floats], level: Floats) -> _Instrumented:
+def _settled(
+    observation: Observation, factors: list[Floats], level: Floats
+) -> _Instrumented:
     """Solve and weigh anew until the weights agree with the residuals."""
     for _ in range(_INNER_LIMIT):
         found = _solved_with(observation, factors, level)
@@ -179,7 +210,9 @@ def _settled(observation: Observation, factors: list[Floats], level: Floats) -> 
     return replace(found, settled=False)
 
 
-def _solved_with(observation: Observation, factors: list[Floats], level: Floats) -> _Instrumented:
+def _solved_with(
+    observation: Observation, factors: list[Floats], level: Floats
+) -> _Instrumented:
     layout, n = observation.layout, len(observation.layout.parameters)
     stacked = []
     for columns, factor, sigma in zip(layout.columns, factors, level, strict=True):
@@ -194,24 +227,38 @@ def _solved_with(observation: Observation, factors: list[Floats], level: Floats)
     root = inverse_triangle(Rzz)
     misfits, floors = observation.misfits(values), noise_floor(observation)
     noise, spare = np.full(len(level), np.inf), np.zeros(len(level))
-    for i, (columns, factor, count) in enumerate(zip(layout.columns, factors, observation.counts, strict=True)):
+    for i, (columns, factor, count) in enumerate(
+        zip(layout.columns, factors, observation.counts, strict=True)
+    ):
         some = len(columns)
         leverage = np.sum((factor[:some, :some] / level[i] @ root[list(columns)]) ** 2)
         spare[i] = count - leverage
         if count:
             if spare[i] < _NEW * count:
-                raise InputError(used_up(count), element=f"output '{layout.outputs[i]}'")
+                raise InputError(
+                    used_up(count), element=f"output '{layout.outputs[i]}'"
+                )
             noise[i] = max(misfits[i] / np.sqrt(spare[i]), floors[i])
-    residuals = np.where(np.isfinite(noise), misfits / np.sqrt(np.maximum(spare, _NEW)), np.nan)
-    return _Instrumented(values, noise, residuals, Rzw, T[n : 2 * n, n : 2 * n], float(T[2 * n, 2 * n]))
+    residuals = np.where(
+        np.isfinite(noise), misfits / np.sqrt(np.maximum(spare, _NEW)), np.nan
+    )
+    return _Instrumented(
+        values, noise, residuals, Rzw, T[n : 2 * n, n : 2 * n], float(T[2 * n, 2 * n])
+    )
 
 
-def _check_strength(layout: Layout, Rzz: Floats, Rzw: Floats, scales: Floats, rows: int) -> None:
+def _check_strength(
+    layout: Layout, Rzz: Floats, Rzw: Floats, scales: Floats, rows: int
+) -> None:
     """Refuse instruments that are dependent, or not correlated with some combination of the parameters' columns."""
     precision = float(np.finfo(float).eps) * max(rows, len(scales))
     own = column_norms(Rzz)
-    if (own == 0).any() or np.linalg.svd(Rzz / own, compute_uv=False)[-1] <= precision * len(own):
-        raise InputError("the instruments do not determine all parameters: their motion excites too little")
+    if (own == 0).any() or np.linalg.svd(Rzz / own, compute_uv=False)[
+        -1
+    ] <= precision * len(own):
+        raise InputError(
+            "the instruments do not determine all parameters: their motion excites too little"
+        )
     singular, directions = np.linalg.svd(Rzw / scales)[1:]
     if singular[-1] <= precision * singular[0]:
         worst = np.argsort(-np.abs(directions[-1]))[:3]
@@ -221,12 +268,24 @@ def _check_strength(layout: Layout, Rzz: Floats, Rzw: Floats, scales: Floats, ro
         )
 
 
-def _iv_estimate(plain: Solution, found: _Instrumented, units: Sequence[str], course: dict[str, Any]) -> Estimate:
+def _iv_estimate(
+    plain: Solution, found: _Instrumented, units: Sequence[str], course: dict[str, Any]
+) -> Estimate:
     scales = column_norms(found.Rzw)
     root = np.linalg.inv(found.Rzw / scales) / scales[:, None]
     correlations = np.linalg.svd(found.Rzw @ plain.root, compute_uv=False)
-    diagnostics = {**course, **_hausman(plain, found), "weakest_correlation": float(correlations[-1])}
-    estimate = estimate_of(replace(plain, values=found.values), "instrumental", units, root @ root.T, diagnostics)
+    diagnostics = {
+        **course,
+        **_hausman(plain, found),
+        "weakest_correlation": float(correlations[-1]),
+    }
+    estimate = estimate_of(
+        replace(plain, values=found.values),
+        "instrumental",
+        units,
+        root @ root.T,
+        diagnostics,
+    )
     return replace(estimate, noise=found.residuals)
 
 
@@ -240,7 +299,11 @@ def _hausman(plain: Solution, found: _Instrumented) -> dict[str, Any]:
     rest = plain.triangle.rows - len(plain.values) - q
     explained = max(plain.triangle.residual**2 - found.rest**2, 0.0)
     if q == 0 or rest <= 0 or found.rest == 0:
-        return {"hausman": 0.0, "hausman_degrees": [q, rest], "hausman_probability": 1.0}
+        return {
+            "hausman": 0.0,
+            "hausman_degrees": [q, rest],
+            "hausman_probability": 1.0,
+        }
     statistic = explained / q / (found.rest**2 / rest)
     return {
         "hausman": float(statistic),

@@ -37,7 +37,10 @@ from echelon.identification.estimators.estimate import (
     estimate_of,
     inverse_triangle,
 )
-from echelon.identification.estimators.least_squares import checked_noise, noise_estimate
+from echelon.identification.estimators.least_squares import (
+    checked_noise,
+    noise_estimate,
+)
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle, upper_triangle
 
@@ -96,7 +99,9 @@ class Submodel:
     def without(self, place: int) -> Submodel:
         """The model without one of its parameters."""
         kept = self.kept[:place] + self.kept[place + 1 :]
-        return Submodel(kept, upper_triangle(np.delete(self.triangle, place, axis=1)), self.rows)
+        return Submodel(
+            kept, upper_triangle(np.delete(self.triangle, place, axis=1)), self.rows
+        )
 
 
 RATIO = 10.0
@@ -115,15 +120,25 @@ def essential(
     """Least squares with the essential parameters only, found by backward elimination."""
     names = observation.layout.parameters
     if criterion not in get_args(Criterion):
-        raise InputError(f"criterion is '{criterion}'; expected one of {', '.join(get_args(Criterion))}")
+        raise InputError(
+            f"criterion is '{criterion}'; expected one of {', '.join(get_args(Criterion))}"
+        )
     check(observation, units)
-    sigma = noise_estimate(observation) if noise is None else checked_noise(observation, noise)
+    sigma = (
+        noise_estimate(observation)
+        if noise is None
+        else checked_noise(observation, noise)
+    )
     triangle = observation.combined(1 / sigma)
     rows = triangle.rows / correlation
     kept, history = _determined(triangle)
-    model = Submodel(kept, upper_triangle(augmented(triangle)[:, [*kept, len(names)]]), rows)
+    model = Submodel(
+        kept, upper_triangle(augmented(triangle)[:, [*kept, len(names)]]), rows
+    )
     while model.kept:
-        place = int(np.argmax(model.relative if criterion == "relative_std" else -model.growth))
+        place = int(
+            np.argmax(model.relative if criterion == "relative_std" else -model.growth)
+        )
         if not _goes(model, place, criterion):
             break
         smaller = model.without(place)
@@ -190,10 +205,17 @@ def _determined(triangle: Triangle) -> tuple[tuple[int, ...], list[dict[str, Any
     n = len(triangle.parameters)
     if triangle.rank == n:
         return tuple(range(n)), []
-    kept = tuple(sorted(qr(triangle.scaled, mode="r", pivoting=True)[1][: triangle.rank].tolist()))
+    kept = tuple(
+        sorted(
+            qr(triangle.scaled, mode="r", pivoting=True)[1][: triangle.rank].tolist()
+        )
+    )
     gone = [triangle.parameters[k] for k in range(n) if k not in kept]
     rms = triangle.residual / np.sqrt(max(triangle.rows, 1))
-    return kept, [{"parameter": name, "before": None, "after": None, "rms": float(rms)} for name in gone]
+    return kept, [
+        {"parameter": name, "before": None, "after": None, "rms": float(rms)}
+        for name in gone
+    ]
 
 
 def _estimate(
@@ -208,5 +230,11 @@ def _estimate(
     values, root = np.zeros(n), np.zeros((n, len(kept)))
     values[kept], root[kept] = model.values, model.root
     solution = Solution(observation, 1 / noise, triangle, values, root)
-    method, covariance = f"essential ({diagnostics['criterion']})", model.variance * solution.inverse
-    return replace(estimate_of(solution, method, units, covariance, diagnostics), degrees=model.degrees)
+    method, covariance = (
+        f"essential ({diagnostics['criterion']})",
+        model.variance * solution.inverse,
+    )
+    return replace(
+        estimate_of(solution, method, units, covariance, diagnostics),
+        degrees=model.degrees,
+    )

@@ -66,7 +66,9 @@ class Estimate:
     def relative_std(self) -> Floats:
         """Standard deviations in per cent of the values, shape (n,); infinite where the value is zero."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            percent: Floats = np.where(self.values == 0, np.inf, 100 * self.std / np.abs(self.values))
+            percent: Floats = np.where(
+                self.values == 0, np.inf, 100 * self.std / np.abs(self.values)
+            )
         return percent
 
     def interval(self, level: float = 0.95) -> Floats:
@@ -115,13 +117,18 @@ class Solution:
     def whitened(self, output: int) -> Floats:
         """The weighted R_i times R⁻¹, shape (n_i, n): it has the cross product of the rows w_i W_i R⁻¹."""
         columns = list(self.observation.layout.columns[output])
-        factor: Floats = self.weights[output] * self.observation.factors[output][: len(columns), : len(columns)]
+        factor: Floats = (
+            self.weights[output]
+            * self.observation.factors[output][: len(columns), : len(columns)]
+        )
         return factor @ self.root[columns]
 
     @cached_property
     def leverages(self) -> Floats:
         """Degrees of freedom that each output's rows pay for the parameters, shape (m,); they add up to n."""
-        return np.array([np.sum(self.whitened(i) ** 2) for i in range(len(self.weights))])
+        return np.array(
+            [np.sum(self.whitened(i) ** 2) for i in range(len(self.weights))]
+        )
 
     @cached_property
     def noise(self) -> Floats:
@@ -133,26 +140,43 @@ class Solution:
         return np.where(known, misfits / np.sqrt(np.where(known, free, 1.0)), np.nan)
 
 
-def solved(observation: Observation, units: Sequence[str], weights: Sequence[float] | Floats | None = None) -> Solution:
+def solved(
+    observation: Observation,
+    units: Sequence[str],
+    weights: Sequence[float] | Floats | None = None,
+) -> Solution:
     """Weighted least squares."""
     check(observation, units)
     triangle = observation.combined(weights)
     if triangle.rank < len(triangle.parameters):
         raise InputError(undetermined(triangle))
-    given = np.ones(len(observation.layout.outputs)) if weights is None else np.asarray(weights, dtype=float)
-    return Solution(observation, given, triangle, triangle.solve(), inverse_triangle(triangle.R))
+    given = (
+        np.ones(len(observation.layout.outputs))
+        if weights is None
+        else np.asarray(weights, dtype=float)
+    )
+    return Solution(
+        observation, given, triangle, triangle.solve(), inverse_triangle(triangle.R)
+    )
 
 
 def check(observation: Observation, units: Sequence[str]) -> None:
     """Refuse what no estimator can work with."""
     layout = observation.layout
     if len(units) != len(layout.parameters):
-        raise InputError(f"there are {len(units)} units for {len(layout.parameters)} parameters; expected one for each")
+        raise InputError(
+            f"there are {len(units)} units for {len(layout.parameters)} parameters; expected one for each"
+        )
     if not layout.parameters or not observation.rows:
-        raise InputError("there is nothing to estimate: the observation has no rows or no parameters")
+        raise InputError(
+            "there is nothing to estimate: the observation has no rows or no parameters"
+        )
     for label, factor in zip(layout.outputs, observation.factors, strict=True):
         if not np.isfinite(factor).all():
-            raise InputError("its rows contain numbers that are not finite", element=f"output '{label}'")
+            raise InputError(
+                "its rows contain numbers that are not finite",
+                element=f"output '{label}'",
+            )
 
 
 def inverse_triangle(R: Floats) -> Floats:
@@ -169,7 +193,11 @@ def augmented(triangle: Triangle) -> Floats:
     """The R-factor of [W y], shape (n + 1, n + 1)."""
     n = len(triangle.parameters)
     whole = np.zeros((n + 1, n + 1))
-    whole[:n, :n], whole[:n, n], whole[n, n] = triangle.R, triangle.qty, triangle.residual
+    whole[:n, :n], whole[:n, n], whole[n, n] = (
+        triangle.R,
+        triangle.qty,
+        triangle.residual,
+    )
     return whole
 
 
@@ -202,7 +230,11 @@ def direction_text(direction: Floats, parameters: Sequence[str]) -> str:
     text = ""
     for value, label in zip(direction, parameters, strict=True):
         if value:
-            sign = ("−" if not text else " − ") if value < 0 else ("" if not text else " + ")
+            sign = (
+                ("−" if not text else " − ")
+                if value < 0
+                else ("" if not text else " + ")
+            )
             factor = "" if abs(abs(value) - 1) < _NEGLIGIBLE else f"{abs(value):.3g}·"
             text += f"{sign}{factor}{label}"
     return text
@@ -215,7 +247,9 @@ def undetermined(triangle: Triangle) -> str:
     if triangle.rows < n:
         start += f" (there are only {triangle.rows} rows)"
     directions = open_directions(triangle)
-    shown = "; ".join(direction_text(some, triangle.parameters) for some in directions[:_SHOWN])
+    shown = "; ".join(
+        direction_text(some, triangle.parameters) for some in directions[:_SHOWN]
+    )
     more = f"; and {len(directions) - _SHOWN} more" if len(directions) > _SHOWN else ""
     return (
         f"{start}; nothing changes along {shown}{more}: excite these directions, fix parameters with known values, "
@@ -227,12 +261,19 @@ def undetermined(triangle: Triangle) -> str:
 
 
 def estimate_of(
-    solution: Solution, method: str, units: Sequence[str], covariance: Floats, diagnostics: Mapping[str, Any]
+    solution: Solution,
+    method: str,
+    units: Sequence[str],
+    covariance: Floats,
+    diagnostics: Mapping[str, Any],
 ) -> Estimate:
     """A solution as an estimate, its condition numbers and weights among the diagnostics."""
     layout: Layout = solution.observation.layout
     triangle = solution.triangle
-    conditions = {"condition": triangle.condition, "scaled_condition": triangle.scaled_condition}
+    conditions = {
+        "condition": triangle.condition,
+        "scaled_condition": triangle.scaled_condition,
+    }
     shared = {"weights": solution.weights.tolist(), **conditions}
     return Estimate(
         method,

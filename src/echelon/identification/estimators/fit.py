@@ -17,10 +17,21 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.covariance import BATCHED, clustered, clustered_by
+from echelon.identification.estimators.covariance import (
+    BATCHED,
+    clustered,
+    clustered_by,
+)
 from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.least_squares import huber, irls, noise_estimate, noise_floor, ols, wls
+from echelon.identification.estimators.least_squares import (
+    huber,
+    irls,
+    noise_estimate,
+    noise_floor,
+    ols,
+    wls,
+)
 from echelon.identification.estimators.ridge import ridge
 from echelon.identification.passes_over_data import Batch
 from echelon.identification.rows.rows import RowBlock, Rows
@@ -52,7 +63,9 @@ class Known:
     def layout(self, layout: Layout) -> Layout:
         """The layout of the unknowns."""
         if layout.parameters != self.parameters:
-            raise InputError("the data are of other parameters than those of which some are known")
+            raise InputError(
+                "the data are of other parameters than those of which some are known"
+            )
         return restricted(layout, self.unknowns)[0]
 
     def observation(self, observation: Observation) -> Observation:
@@ -60,12 +73,16 @@ class Known:
         layout = self.layout(observation.layout)
         moved = (
             self.moved(R[:, :-1], R[:, -1], columns)
-            for R, columns in zip(observation.factors, observation.layout.columns, strict=True)
+            for R, columns in zip(
+                observation.factors, observation.layout.columns, strict=True
+            )
         )
         factors = tuple(upper_triangle(np.column_stack(pair)) for pair in moved)
         return Observation(layout, factors, observation.counts)
 
-    def moved(self, matrix: Floats, y: Floats, columns: Sequence[int]) -> tuple[Floats, Floats]:
+    def moved(
+        self, matrix: Floats, y: Floats, columns: Sequence[int]
+    ) -> tuple[Floats, Floats]:
         """Columns of the unknowns, and outputs without the known part."""
         values = self.values[list(columns)]
         unknown = np.isnan(values)
@@ -75,10 +92,15 @@ class Known:
         """The estimate of all parameters; known ones have variance zero."""
         if estimate.parameters != tuple(self.parameters[k] for k in self.unknowns):
             raise InputError("the estimate is not one of the unknowns")
-        values, covariance = self.values.copy(), np.zeros((len(self.values), len(self.values)))
+        values, covariance = (
+            self.values.copy(),
+            np.zeros((len(self.values), len(self.values))),
+        )
         values[self.unknowns] = estimate.values
         covariance[np.ix_(self.unknowns, self.unknowns)] = estimate.covariance
-        known = [label for k, label in enumerate(self.parameters) if k not in self.unknowns]
+        known = [
+            label for k, label in enumerate(self.parameters) if k not in self.unknowns
+        ]
         diagnostics = {**estimate.diagnostics, "known": known}
         return replace(
             estimate,
@@ -109,8 +131,12 @@ class RowsOfUnknowns(Rows):
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time, log after log."""
         for block in self._original.blocks():
-            parts = zip(block.matrices, block.y, self._original.layout.columns, strict=True)
-            matrices, y = zip(*(self._known.moved(*part) for part in parts), strict=True)
+            parts = zip(
+                block.matrices, block.y, self._original.layout.columns, strict=True
+            )
+            matrices, y = zip(
+                *(self._known.moved(*part) for part in parts), strict=True
+            )
             yield replace(block, matrices=matrices, y=y)
 
     def observation(self) -> Observation:
@@ -118,14 +144,21 @@ class RowsOfUnknowns(Rows):
         return self._known.observation(self._original.observation())
 
 
-def known_values(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]) -> Known:
+def known_values(
+    parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]
+) -> Known:
     """Parameters with those that are known, SI units."""
     if len(units) != len(parameters):
-        raise InputError(f"there are {len(units)} units for {len(parameters)} parameters; expected one for each")
+        raise InputError(
+            f"there are {len(units)} units for {len(parameters)} parameters; expected one for each"
+        )
     found = np.full(len(parameters), np.nan)
     for label, value in values.items():
         if not np.isfinite(value):
-            raise InputError(f"the known value {value} is not a finite number", element=f"parameter '{label}'")
+            raise InputError(
+                f"the known value {value} is not a finite number",
+                element=f"parameter '{label}'",
+            )
         found[_place(parameters, label)] = value
     if not np.isnan(found).any():
         raise InputError("all parameters are known; nothing is left to estimate")
@@ -136,8 +169,14 @@ def _place(parameters: Sequence[str], label: str) -> int:
     if label in parameters:
         return list(parameters).index(label)
     near = get_close_matches(label, parameters, 3, 0.5)
-    hint = f"did you mean {', '.join(near)}?" if near else f"expected one of {', '.join(parameters)}"
-    raise InputError(f"there is no such parameter; {hint}", element=f"parameter '{label}'")
+    hint = (
+        f"did you mean {', '.join(near)}?"
+        if near
+        else f"expected one of {', '.join(parameters)}"
+    )
+    raise InputError(
+        f"there is no such parameter; {hint}", element=f"parameter '{label}'"
+    )
 
 
 def fitted(
@@ -150,16 +189,27 @@ def fitted(
     batches: Sequence[Batch] = (),
 ) -> Estimate:
     """Estimate the base parameters as the settings say."""
-    rest = known_values(rows.layout.parameters, rows.units, settings.known) if settings.known else None
+    rest = (
+        known_values(rows.layout.parameters, rows.units, settings.known)
+        if settings.known
+        else None
+    )
     if rest is not None:
         rows, observation = RowsOfUnknowns(rows, rest), rest.observation(observation)
-        batches = [replace(batch, observation=rest.observation(batch.observation)) for batch in batches]
+        batches = [
+            replace(batch, observation=rest.observation(batch.observation))
+            for batch in batches
+        ]
         prior = None if prior is None else prior[rest.unknowns]
         instruments = None if instruments is None else RowsOfUnknowns(instruments, rest)
     estimate = _estimated(settings, rows, observation, prior, instruments)
     if settings.intervals == "clustered" and estimate.method in BATCHED:
         by_factors = len(batches) > 1 and estimate.method != "huber"
-        estimate = clustered_by(batches, rows.units, estimate) if by_factors else clustered(rows, estimate)
+        estimate = (
+            clustered_by(batches, rows.units, estimate)
+            if by_factors
+            else clustered(rows, estimate)
+        )
     return estimate if rest is None else rest.restored(estimate)
 
 
@@ -170,7 +220,11 @@ def usable_noise(observation: Observation, estimate: Estimate) -> Floats:
 
 
 def _estimated(
-    settings: IdentificationEntry, rows: Rows, observation: Observation, prior: Floats | None, instruments: Rows | None
+    settings: IdentificationEntry,
+    rows: Rows,
+    observation: Observation,
+    prior: Floats | None,
+    instruments: Rows | None,
 ) -> Estimate:
     units = rows.units
     match settings.estimator:
@@ -189,7 +243,9 @@ def _estimated(
                 raise InputError(
                     "ridge draws towards prior values, and there are none: give a prior, such as a URDF file"
                 )
-            return ridge(observation, units, prior, weight=settings.prior.weight or "evidence")
+            return ridge(
+                observation, units, prior, weight=settings.prior.weight or "evidence"
+            )
         case "iv":
             if instruments is None:
                 problem = "instruments are made from reference positions, which the logs lack: give 'reference' columns"

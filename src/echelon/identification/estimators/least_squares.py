@@ -63,7 +63,11 @@ def ols(observation: Observation, units: Sequence[str]) -> Estimate:
             "give more samples"
         )
     variance = solution.triangle.residual**2 / solution.degrees
-    diagnostics = {"iterations": 1, "converged": True, "deviation": float(np.sqrt(variance))}
+    diagnostics = {
+        "iterations": 1,
+        "converged": True,
+        "deviation": float(np.sqrt(variance)),
+    }
     return estimate_of(solution, "ols", units, variance * solution.inverse, diagnostics)
 
 
@@ -79,17 +83,33 @@ _FLOOR = 1e-8
 """Smallest noise relative to the output: no sensor is better, and weights stay within what double precision bears."""
 
 
-def wls(observation: Observation, units: Sequence[str], noise: Sequence[float] | Floats) -> Estimate:
+def wls(
+    observation: Observation, units: Sequence[str], noise: Sequence[float] | Floats
+) -> Estimate:
     """Least squares with given ratios of noise; a common factor is estimated."""
     solution = solved(observation, units, 1.0 / checked_noise(observation, noise))
     degrees = solution.degrees
     if degrees <= 0:
-        raise InputError("no row is left over to estimate the common factor of the noise from; give more samples")
+        raise InputError(
+            "no row is left over to estimate the common factor of the noise from; give more samples"
+        )
     factor = solution.triangle.residual**2 / degrees
-    return estimate_of(solution, "wls", units, factor * solution.inverse, {"iterations": 1, "converged": True})
+    return estimate_of(
+        solution,
+        "wls",
+        units,
+        factor * solution.inverse,
+        {"iterations": 1, "converged": True},
+    )
 
 
-def irls(observation: Observation, units: Sequence[str], *, tolerance: float = 1e-9, limit: int = 100) -> Estimate:
+def irls(
+    observation: Observation,
+    units: Sequence[str],
+    *,
+    tolerance: float = 1e-9,
+    limit: int = 100,
+) -> Estimate:
     """Least squares with the noise of each output found from the residuals."""
     check(observation, units)
     noise, change, iterations = noise_estimate(observation), np.inf, 0
@@ -101,7 +121,11 @@ def irls(observation: Observation, units: Sequence[str], *, tolerance: float = 1
         noise = new
     solution = solved(observation, units, 1.0 / noise)
     _, exact = _updated(solution)
-    diagnostics = {"iterations": iterations, "converged": bool(change <= tolerance), "exact_outputs": exact}
+    diagnostics = {
+        "iterations": iterations,
+        "converged": bool(change <= tolerance),
+        "exact_outputs": exact,
+    }
     return estimate_of(solution, "irls", units, solution.inverse, diagnostics)
 
 
@@ -116,20 +140,29 @@ def noise_estimate(observation: Observation) -> Floats:
         n = len(factor) - 1
         columns, y = factor[:, :n] / safe_norms(factor[:, :n]), factor[:, n]
         # without full rank the last entry is not the whole residual: that of the best fit is
-        fit, _, rank, _ = np.linalg.lstsq(columns, y, rcond=np.finfo(float).eps * max(count, n))
+        fit, _, rank, _ = np.linalg.lstsq(
+            columns, y, rcond=np.finfo(float).eps * max(count, n)
+        )
         free, size = count - rank, np.linalg.norm(y) / np.sqrt(max(count, 1))
         rest = np.linalg.norm(columns @ fit - y)
-        levels.append(np.inf if not count else rest / np.sqrt(free) if free > 0 else size)
+        levels.append(
+            np.inf if not count else rest / np.sqrt(free) if free > 0 else size
+        )
     return np.maximum(levels, noise_floor(observation))
 
 
 def noise_floor(observation: Observation) -> Floats:
     """Smallest noise that is believed, shape (m,): a tiny share of the output's root mean square."""
     floors = []
-    for label, factor, count in zip(observation.layout.outputs, observation.factors, observation.counts, strict=True):
+    for label, factor, count in zip(
+        observation.layout.outputs, observation.factors, observation.counts, strict=True
+    ):
         size = float(np.linalg.norm(factor[:, -1])) / np.sqrt(max(count, 1))
         if count and size == 0 and factor.any():
-            raise InputError("all its measured values are zero: leave it out", element=f"output '{label}'")
+            raise InputError(
+                "all its measured values are zero: leave it out",
+                element=f"output '{label}'",
+            )
         floors.append(_FLOOR * size if size else 1.0)
     return np.array(floors)
 
@@ -145,7 +178,8 @@ def checked_noise(observation: Observation, noise: Sequence[float] | Floats) -> 
     if not (given > 0).all():
         wrong = outputs[int(np.argmin(given > 0))]
         raise InputError(
-            "the noise must be a positive number, or infinite to leave it out", element=f"output '{wrong}'"
+            "the noise must be a positive number, or infinite to leave it out",
+            element=f"output '{wrong}'",
         )
     return given
 
@@ -154,7 +188,9 @@ def _updated(solution: Solution) -> tuple[Floats, list[str]]:
     """Noise from the residuals, and the outputs that are fitted to rounding."""
     observation, floors = solution.observation, noise_floor(solution.observation)
     found, exact = solution.noise.copy(), []
-    for i, (label, count) in enumerate(zip(observation.layout.outputs, observation.counts, strict=True)):
+    for i, (label, count) in enumerate(
+        zip(observation.layout.outputs, observation.counts, strict=True)
+    ):
         if not count:
             found[i] = np.inf
         elif not np.isfinite(found[i]):
@@ -171,7 +207,9 @@ def minimum_norm(observation: Observation, units: Sequence[str]) -> Estimate:
     triangle = observation.combined()
     degrees = float(triangle.rows - triangle.rank)
     if degrees <= 0:
-        raise InputError("no row is left over to estimate the noise from; give more samples")
+        raise InputError(
+            "no row is left over to estimate the noise from; give more samples"
+        )
     left, singular, right = np.linalg.svd(triangle.scaled)
     rank = triangle.rank
     root = right[:rank].T / singular[:rank] / triangle.safe_scales[:, None]
@@ -182,7 +220,9 @@ def minimum_norm(observation: Observation, units: Sequence[str]) -> Estimate:
     covariance = rest / degrees * root @ root.T
     involved = np.flatnonzero(directions.any(axis=0))
     covariance[involved, involved] = np.inf
-    solution = Solution(observation, np.ones(len(observation.counts)), triangle, values, root)
+    solution = Solution(
+        observation, np.ones(len(observation.counts)), triangle, values, root
+    )
     texts = [direction_text(some, triangle.parameters) for some in directions]
     diagnostics = {
         "iterations": 1,
@@ -192,20 +232,31 @@ def minimum_norm(observation: Observation, units: Sequence[str]) -> Estimate:
         "condition": None if texts else triangle.condition,
         "scaled_condition": float(singular[0] / singular[rank - 1]) if rank else 1.0,
     }
-    return replace(estimate_of(solution, "minimum norm", units, covariance, diagnostics), degrees=degrees)
+    return replace(
+        estimate_of(solution, "minimum norm", units, covariance, diagnostics),
+        degrees=degrees,
+    )
 
 
 _LEAST_SHARE, _USED_UP = 0.6, 1e-8
 
 
-def huber(rows: Rows, *, clip: float = 1.345, tolerance: float = 1e-3, limit: int = 100) -> Estimate:
+def huber(
+    rows: Rows, *, clip: float = 1.345, tolerance: float = 1e-3, limit: int = 100
+) -> Estimate:
     """Robust estimate with a scale for each output."""
     if not clip > 0:
-        raise InputError(f"clip is {clip}; expected a positive number of standard deviations, such as 1.345")
+        raise InputError(
+            f"clip is {clip}; expected a positive number of standard deviations, such as 1.345"
+        )
     observation = rows.observation()
     start = irls(observation, rows.units)
     values = start.values
-    noise = np.where(np.isfinite(start.noise), np.maximum(start.noise, noise_floor(observation)), np.inf)
+    noise = np.where(
+        np.isfinite(start.noise),
+        np.maximum(start.noise, noise_floor(observation)),
+        np.inf,
+    )
     change, iterations = np.inf, 0
     while change > tolerance and iterations < limit:
         iterations += 1
@@ -218,8 +269,13 @@ def huber(rows: Rows, *, clip: float = 1.345, tolerance: float = 1e-3, limit: in
         new = _noise(sweep, solved(observation, rows.units, 1.0 / noise), noise, clip)
         with np.errstate(invalid="ignore"):
             scale = float(np.nanmax(np.abs(np.log(new / noise)), initial=0.0))
-        change, noise = max(float(np.linalg.norm(white)) / sqrt(len(values)), scale), new
-    estimate = _finished(_swept(rows, values, noise, clip), observation, rows.units, values, noise, clip)
+        change, noise = (
+            max(float(np.linalg.norm(white)) / sqrt(len(values)), scale),
+            new,
+        )
+    estimate = _finished(
+        _swept(rows, values, noise, clip), observation, rows.units, values, noise, clip
+    )
     course = {"iterations": iterations, "converged": bool(change <= tolerance)}
     return replace(estimate, diagnostics={**estimate.diagnostics, **course})
 
@@ -235,7 +291,12 @@ class _Sweep:
 
 def _swept(rows: Rows, values: Floats, noise: Floats, clip: float) -> _Sweep:
     m = len(noise)
-    pull, squares, inside, counts = np.zeros(len(values)), np.zeros(m), np.zeros(m), np.zeros(m)
+    pull, squares, inside, counts = (
+        np.zeros(len(values)),
+        np.zeros(m),
+        np.zeros(m),
+        np.zeros(m),
+    )
     for block in rows.blocks():
         for i, (matrix, y) in enumerate(zip(block.matrices, block.y, strict=True)):
             columns = list(rows.layout.columns[i])
@@ -245,18 +306,24 @@ def _swept(rows: Rows, values: Floats, noise: Floats, clip: float) -> _Sweep:
             squares[i] += bounded @ bounded
             inside[i] += np.sum(np.abs(residual) <= clip)
             counts[i] += len(y)
-    return _Sweep(pull, squares, np.where(counts > 0, inside / np.maximum(counts, 1.0), 1.0))
+    return _Sweep(
+        pull, squares, np.where(counts > 0, inside / np.maximum(counts, 1.0), 1.0)
+    )
 
 
 def _noise(sweep: _Sweep, used: Solution, noise: Floats, clip: float) -> Floats:
     """Proposal 2: the noise at which the mean of ψ² is what it is for Gaussian noise, shape (m,)."""
     counts = np.array(used.observation.counts, dtype=float)
     free = np.where(counts > 0, counts - used.leverages, 1.0)
-    for label, count, rest in zip(used.observation.layout.outputs, used.observation.counts, free, strict=True):
+    for label, count, rest in zip(
+        used.observation.layout.outputs, used.observation.counts, free, strict=True
+    ):
         if rest < _USED_UP * count:
             raise InputError(used_up(count), element=f"output '{label}'")
     some = np.isfinite(noise)
-    found = np.where(some, noise, 1.0) * np.sqrt(sweep.squares / (free * gaussian_square(clip)))
+    found = np.where(some, noise, 1.0) * np.sqrt(
+        sweep.squares / (free * gaussian_square(clip))
+    )
     return np.where(some, np.maximum(found, noise_floor(used.observation)), np.inf)
 
 
@@ -267,7 +334,12 @@ def gaussian_square(clip: float) -> float:
 
 
 def _finished(
-    sweep: _Sweep, plain: Observation, units: Sequence[str], values: Floats, noise: Floats, clip: float
+    sweep: _Sweep,
+    plain: Observation,
+    units: Sequence[str],
+    values: Floats,
+    noise: Floats,
+    clip: float,
 ) -> Estimate:
     """Values, and Huber's asymptotic covariance A⁻¹BA⁻¹ with the correction K for the number of parameters."""
     counts = np.maximum(np.array(plain.counts, dtype=float), 1.0)
@@ -277,9 +349,12 @@ def _finished(
     if (some & (share == 0)).any():
         label = plain.layout.outputs[int(np.argmax(some & (share == 0)))]
         raise InputError(
-            f"no residual is within {clip} standard deviations; use a larger clip", element=f"output '{label}'"
+            f"no residual is within {clip} standard deviations; use a larger clip",
+            element=f"output '{label}'",
         )
-    correction = 1.0 + used.leverages / counts * (1.0 - share) / np.where(share > 0, share, 1.0)
+    correction = 1.0 + used.leverages / counts * (1.0 - share) / np.where(
+        share > 0, share, 1.0
+    )
     slopes = np.where(some, share / correction, 1.0)
     spread = sweep.squares / (counts - used.leverages)
     bread = solved(plain, units, np.sqrt(slopes) / noise)
@@ -292,7 +367,11 @@ def _finished(
         "clip": clip,
         "clips": (clip * np.where(some, noise, 0.0)).tolist(),
         "slopes": slopes.tolist(),
-        "downweighted": {label: float(1.0 - s) for label, s, there in zip(labels, share, some, strict=True) if there},
+        "downweighted": {
+            label: float(1.0 - s)
+            for label, s, there in zip(labels, share, some, strict=True)
+            if there
+        },
     }
     estimate = estimate_of(found, "huber", units, root.T @ root, diagnostics)
     return replace(estimate, noise=np.where(some, noise, np.nan))

@@ -21,11 +21,19 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.extras import extra
-from echelon.identification.estimators.estimate import Estimate, Solution, check, estimate_of
+from echelon.identification.estimators.estimate import (
+    Estimate,
+    Solution,
+    check,
+    estimate_of,
+)
 from echelon.observe.observation import Observation
 
 _GRID = 401
-_RANGE = 1e-16, 1e8  # ratios of variances that are searched, relative to the largest squared singular value
+_RANGE = (
+    1e-16,
+    1e8,
+)  # ratios of variances that are searched, relative to the largest squared singular value
 
 
 def ridge(
@@ -39,10 +47,15 @@ def ridge(
     check(observation, units)
     triangle, mean = observation.combined(), np.asarray(prior, dtype=float)
     if mean.shape != (len(units),) or not np.isfinite(mean).all():
-        raise InputError(f"the prior must be {len(units)} finite numbers, one for each parameter")
+        raise InputError(
+            f"the prior must be {len(units)} finite numbers, one for each parameter"
+        )
     if (triangle.scales == 0).any():
         unseen = triangle.parameters[int(np.argmin(triangle.scales))]
-        raise InputError("the data do not show it at all: fix its value", element=f"parameter '{unseen}'")
+        raise InputError(
+            "the data do not show it at all: fix its value",
+            element=f"parameter '{unseen}'",
+        )
     left, singular, right = np.linalg.svd(triangle.R / triangle.scales)
     beta = left.T @ (triangle.qty - triangle.R @ mean)
     spectrum = _Spectrum(singular**2, beta, triangle.residual**2, triangle.rows)
@@ -60,13 +73,23 @@ def ridge(
         "weight": float(ratio / variance),
         "weight_at_bound": at_bound,
         "effective_parameters": effective,
-        "from_data": np.clip(1.0 - np.diagonal(covariance) * triangle.scales**2 * ratio / variance, 0.0, 1.0).tolist(),
+        "from_data": np.clip(
+            1.0 - np.diagonal(covariance) * triangle.scales**2 * ratio / variance,
+            0.0,
+            1.0,
+        ).tolist(),
         "log_evidence": spectrum.log_evidence(ratio, variance),
         "deviation": float(np.sqrt(variance)),
         "condition": triangle.condition if determined else None,
         "scaled_condition": triangle.scaled_condition if determined else None,
     }
-    solution = Solution(observation, np.ones(len(observation.counts)), triangle, values, directions * np.sqrt(shrink))
+    solution = Solution(
+        observation,
+        np.ones(len(observation.counts)),
+        triangle,
+        values,
+        directions * np.sqrt(shrink),
+    )
     estimate = estimate_of(solution, "ridge", units, covariance, diagnostics)
     return replace(estimate, degrees=float(triangle.rows - effective))
 
@@ -85,38 +108,57 @@ class _Spectrum:
 
         Where the evidence is stationary this is its most likely value.
         """
-        misfit = float(np.sum((self.beta * ratio / (self.squares + ratio)) ** 2)) + self.rest
+        misfit = (
+            float(np.sum((self.beta * ratio / (self.squares + ratio)) ** 2)) + self.rest
+        )
         free = float(self.rows - np.sum(self.squares / (self.squares + ratio)))
         return misfit / free
 
     def profile(self, ratio: float) -> float:
         """Logarithm of the evidence at the most likely σ² when the prior variance is σ²/ratio."""
-        variance = (float(np.sum(self.beta**2 * ratio / (self.squares + ratio))) + self.rest) / self.rows
+        variance = (
+            float(np.sum(self.beta**2 * ratio / (self.squares + ratio))) + self.rest
+        ) / self.rows
         return self.log_evidence(ratio, variance)
 
     def log_evidence(self, ratio: float, variance: float) -> float:
         """Logarithm of the probability density of the outputs."""
         squares = np.sum(self.beta**2 * ratio / (self.squares + ratio)) + self.rest
-        volume = np.sum(np.log1p(self.squares / ratio)) + self.rows * np.log(2 * np.pi * variance)
+        volume = np.sum(np.log1p(self.squares / ratio)) + self.rows * np.log(
+            2 * np.pi * variance
+        )
         return float(-(squares / variance + volume) / 2)
 
 
 def _ratio(spectrum: _Spectrum, weight: float | str) -> tuple[float, bool]:
     """Noise variance over prior variance, and whether the search ended at the bound of its range."""
     if spectrum.rest == 0:
-        raise InputError("no row is left over to estimate the noise from; give more samples")
+        raise InputError(
+            "no row is left over to estimate the noise from; give more samples"
+        )
     if weight == "evidence":
         whole = float(spectrum.squares.max(initial=0.0)) or 1.0
-        return _minimised(lambda r: -spectrum.profile(r), whole * _RANGE[0], whole * _RANGE[1])
+        return _minimised(
+            lambda r: -spectrum.profile(r), whole * _RANGE[0], whole * _RANGE[1]
+        )
     if isinstance(weight, str) or not (np.isfinite(weight) and weight > 0):
-        raise InputError(f"weight is {weight!r}; expected a positive number or 'evidence'")
+        raise InputError(
+            f"weight is {weight!r}; expected a positive number or 'evidence'"
+        )
     # the derivative of the evidence by σ² is positive below and negative above these
-    least, most = spectrum.rest / spectrum.rows, spectrum.rest + float(np.sum(spectrum.beta**2))
-    ratio, _ = _minimised(lambda r: -spectrum.log_evidence(r, r / weight), weight * least, weight * most)
+    least, most = (
+        spectrum.rest / spectrum.rows,
+        spectrum.rest + float(np.sum(spectrum.beta**2)),
+    )
+    ratio, _ = _minimised(
+        lambda r: -spectrum.log_evidence(r, r / weight), weight * least, weight * most
+    )
     return ratio, False
 
 
-def _minimised(score: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:
+def _minimised(
+    score: Callable[[float], float], low: float, high: float
+) -> tuple[float, bool]:
     """Minimum over a range of orders of magnitude, and whether it is at an end of it."""
     with extra("identify"):
         from scipy.optimize import minimize_scalar
@@ -124,6 +166,14 @@ def _minimised(score: Callable[[float], float], low: float, high: float) -> tupl
     exponents = np.linspace(np.log(low), np.log(high), _GRID)
     scores = np.array([score(float(np.exp(e))) for e in exponents])
     best = int(np.argmin(scores))
-    ends = (float(exponents[max(best - 1, 0)]), float(exponents[min(best + 1, _GRID - 1)]))
-    found = minimize_scalar(lambda e: score(float(np.exp(e))), bounds=ends, method="bounded", options={"xatol": 1e-9})
+    ends = (
+        float(exponents[max(best - 1, 0)]),
+        float(exponents[min(best + 1, _GRID - 1)]),
+    )
+    found = minimize_scalar(
+        lambda e: score(float(np.exp(e))),
+        bounds=ends,
+        method="bounded",
+        options={"xatol": 1e-9},
+    )
     return float(np.exp(found.x)), best in (0, _GRID - 1)

@@ -16,7 +16,11 @@ from echelon.identification.judge.effects import places
 from echelon.identification.judge.evidence import BLOCKS, States
 from echelon.identification.judge.hypothesis import Kind, Term, Usual
 
-_WARM = (0.1, 0.3, 1.0)  # times in which friction decays to a part of 1/e, by that of the logs
+_WARM = (
+    0.1,
+    0.3,
+    1.0,
+)  # times in which friction decays to a part of 1/e, by that of the logs
 _ROUNDING = 1e-9  # relative size of directions of a body's parameters that are in the base parameters by rounding alone
 
 
@@ -32,7 +36,14 @@ def payloads(base: BaseModel, states: States) -> Iterator[Term]:
 def whole_loads(base: BaseModel, states: States) -> Iterator[Term]:
     """Another load all the time, at each body that carries none."""
     for name, forces in _loads(base, states):
-        yield Term(Kind.CHANGE, f"'{name}' carries another load", name, "", Usual.OFTEN, _Later(forces, 0))
+        yield Term(
+            Kind.CHANGE,
+            f"'{name}' carries another load",
+            name,
+            "",
+            Usual.OFTEN,
+            _Later(forces, 0),
+        )
 
 
 def _loads(base: BaseModel, states: States) -> Iterator[tuple[str, Floats]]:
@@ -47,7 +58,12 @@ def _loads(base: BaseModel, states: States) -> Iterator[tuple[str, Floats]]:
         left, sizes, _ = np.linalg.svd(B[:, mine], full_matrices=False)
         told = sizes > _ROUNDING * sizes.max(initial=1e-300)
         directions = (left[:, told] * sizes[told]).T
-        yield body.name, np.stack([states.predicted(base, direction) for direction in directions], axis=2)
+        yield (
+            body.name,
+            np.stack(
+                [states.predicted(base, direction) for direction in directions], axis=2
+            ),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +102,11 @@ def _changes(states: States) -> Iterator[_Change]:
         if first >= max([0, *borders[-1:]]) + least and first <= count - least:
             borders.append(first)
     inner = [count * block // BLOCKS for block in range(1, BLOCKS)]
-    inner = [first for first in inner if all(abs(first - border) >= least for border in borders)]
+    inner = [
+        first
+        for first in inner
+        if all(abs(first - border) >= least for border in borders)
+    ]
     for first in sorted([*borders, *inner]):
         yield _at_log(states, first) if first in borders else _within_log(states, first)
 
@@ -101,7 +121,11 @@ def _log_borders(states: States) -> list[int]:
 def _at_log(states: States, first: int) -> _Change:
     sources = list(dict.fromkeys(piece.source for piece in states.pieces))
     piece, _ = states.place(first)
-    words = f"in '{piece.source}'" if piece.source == sources[-1] else f"from '{piece.source}' on"
+    words = (
+        f"in '{piece.source}'"
+        if piece.source == sources[-1]
+        else f"from '{piece.source}' on"
+    )
     before, _ = states.place(first - 1)
     write = f"identify the logs up to '{before.source}' and those from '{piece.source}' on separately"
     return _Change(first, words, write)
@@ -113,7 +137,11 @@ def _within_log(states: States, first: int) -> _Change:
     several = any(other.source != piece.source for other in states.pieces)
     where = f" of '{piece.source}'" if several else ""
     log = f"'{piece.source}'" if several else "the log"
-    return _Change(first, f"from about {said}{where} on", f"cut {log} at {said}, and identify both parts")
+    return _Change(
+        first,
+        f"from about {said}{where} on",
+        f"cut {log} at {said}, and identify both parts",
+    )
 
 
 def _decimals(length: float) -> int:
@@ -132,4 +160,11 @@ def warming(base: BaseModel, states: States) -> Iterator[Term]:
         for place in places(base.mechanism, states.q.shape[1], states.qd.shape[1]):
             _, qd, _ = place.state(states)
             forces = np.stack([decay * qd, decay * np.sign(qd)], axis=1)
-            yield Term(Kind.CHANGE, words, place.name, write, Usual.OFTEN, {place.output: forces})
+            yield Term(
+                Kind.CHANGE,
+                words,
+                place.name,
+                write,
+                Usual.OFTEN,
+                {place.output: forces},
+            )

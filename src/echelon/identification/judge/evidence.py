@@ -29,7 +29,15 @@ _FLOOR = 1e-9  # of an output's squares: rounding of exact data is no noise
 _LITTLE = 0.005  # gain, in logarithms, that is none however sure it is
 _REWEIGHTED = 5  # iterations in which outputs get the weights of their residuals
 
-_OF_MOTION = ("q", "qd", "qdd", "inputs", "pieces", "gravity", "drives")  # what the regressor of states depends on
+_OF_MOTION = (
+    "q",
+    "qd",
+    "qdd",
+    "inputs",
+    "pieces",
+    "gravity",
+    "drives",
+)  # what the regressor of states depends on
 
 GRAVITY = ("gx", "gy", "gz")
 Motion = tuple[Floats, Floats, Floats]
@@ -45,16 +53,28 @@ class States:
     qdd: Floats
     y: Floats
     inputs: Mapping[str, Floats]
-    pieces: tuple[Samples, ...]  # stretches that the samples are, with the filter of both sides
+    pieces: tuple[
+        Samples, ...
+    ]  # stretches that the samples are, with the filter of both sides
     scale: Floats  # shape (outputs,); outputs by what the model predicts
-    gravity: Floats | None = None  # shape (3,), m/s² in the base frame; None where the model has it built in
+    gravity: Floats | None = (
+        None  # shape (3,), m/s² in the base frame; None where the model has it built in
+    )
     band: float = np.inf  # that the fit keeps, Hz
-    drives: Motion | None = None  # motion at which effects act, where drives do not move with their joints
-    shared: Floats | None = None  # shape (outputs, outputs); forces of drives in outputs, where drives move several
+    drives: Motion | None = (
+        None  # motion at which effects act, where drives do not move with their joints
+    )
+    shared: Floats | None = (
+        None  # shape (outputs, outputs); forces of drives in outputs, where drives move several
+    )
 
     @staticmethod
     def of(
-        samples: Iterable[Samples], band: float, base: BaseModel, values: Floats, gravity: Floats | None = None
+        samples: Iterable[Samples],
+        band: float,
+        base: BaseModel,
+        values: Floats,
+        gravity: Floats | None = None,
     ) -> States:
         """Prepared samples on a clock that is no faster than their band needs, Hz, from all parts of the logs.
 
@@ -68,9 +88,15 @@ class States:
 
         measured = (piece for piece in samples if piece.y is not None)
         pieces = tuple(spread_out(measured, band, _SAMPLES, BLOCKS, left))
-        q, qd, qdd, rest = (np.concatenate([getattr(p, name) for p in pieces]) for name in ("q", "qd", "qdd", "y"))
+        q, qd, qdd, rest = (
+            np.concatenate([getattr(p, name) for p in pieces])
+            for name in ("q", "qd", "qdd", "y")
+        )
         y = rest + np.concatenate([_predicted(base, piece, values) for piece in pieces])
-        inputs = {name: np.concatenate([piece.inputs[name] for piece in pieces]) for name in pieces[0].inputs}
+        inputs = {
+            name: np.concatenate([piece.inputs[name] for piece in pieces])
+            for name in pieces[0].inputs
+        }
         return States(q, qd, qdd, y, inputs, pieces, np.ones(y.shape[1]), gravity, band)
 
     @property
@@ -80,7 +106,11 @@ class States:
         for piece, following in zip(self.pieces, (*self.pieces[1:], None), strict=True):
             parts.append(begin + np.arange(len(piece)) / piece.rate)
             ahead = len(piece) / piece.rate
-            if following is not None and following.source == piece.source and following.start > piece.start:
+            if (
+                following is not None
+                and following.source == piece.source
+                and following.start > piece.start
+            ):
                 ahead = following.start - piece.start
             begin += ahead
         return np.concatenate(parts)
@@ -95,7 +125,10 @@ class States:
 
     def derivative(self, values: Floats) -> Floats:
         """Rates of signals (samples, …), by central differences within stretches."""
-        rates = [np.gradient(part, axis=0) * piece.rate for piece, part in self._stretches(values)]
+        rates = [
+            np.gradient(part, axis=0) * piece.rate
+            for piece, part in self._stretches(values)
+        ]
         return np.asarray(np.concatenate(rates))
 
     def _stretches(self, values: Floats) -> Iterator[tuple[Samples, Floats]]:
@@ -106,26 +139,41 @@ class States:
     @property
     def rate(self) -> Floats:
         """Samples per second at each sample."""
-        return np.concatenate([np.full(len(piece), piece.rate) for piece in self.pieces])
+        return np.concatenate(
+            [np.full(len(piece), piece.rate) for piece in self.pieces]
+        )
 
     def smoothed(self, values: Floats) -> Floats:
         """Signals (samples,) after the low-pass that measured positions have passed."""
         cutoff = ROOM * self.band
         found = []
         for piece, part in self._stretches(values):
-            found.append(part if cutoff > WORTH * piece.rate else lowpass(part, cutoff, piece.rate, ORDER))
+            found.append(
+                part
+                if cutoff > WORTH * piece.rate
+                else lowpass(part, cutoff, piece.rate, ORDER)
+            )
         return np.concatenate(found)
 
     def rows(self, values: Floats) -> Floats:
         """Signals (samples, …) after the filter of both sides, shape (rows, …)."""
-        return np.concatenate([rows_filtered(piece, part) for piece, part in self._stretches(values)])
+        return np.concatenate(
+            [rows_filtered(piece, part) for piece, part in self._stretches(values)]
+        )
 
     @cached_property
     def fitted(self) -> Flags:
         """Rows that are fitted, shape (rows, outputs)."""
         found = [rows_taken(piece, piece.q[:, :1]) for piece in self.pieces]
-        every = (np.ones((len(rows), self.y.shape[1]), dtype=bool) for _, rows, _ in found)
-        return np.concatenate([a if flags is None else flags for a, (_, _, flags) in zip(every, found, strict=True)])
+        every = (
+            np.ones((len(rows), self.y.shape[1]), dtype=bool) for _, rows, _ in found
+        )
+        return np.concatenate(
+            [
+                a if flags is None else flags
+                for a, (_, _, flags) in zip(every, found, strict=True)
+            ]
+        )
 
     def moves_like(self, other: States) -> bool:
         """Whether the regressor is that of other states, as far as this can be told without looking at samples."""
@@ -135,8 +183,12 @@ class States:
     def predicted(self, base: BaseModel, values: Floats) -> Floats:
         """The outputs of a model, shape (samples, outputs)."""
         if self.drives is None:
-            return self.scale * base.predict(self.q, self.qd, self.qdd, values, self.symbols, dict(self.inputs))
-        ahead = replace(self, q=self.drives[0], qd=self.drives[1], qdd=self.drives[2], drives=None)
+            return self.scale * base.predict(
+                self.q, self.qd, self.qdd, values, self.symbols, dict(self.inputs)
+            )
+        ahead = replace(
+            self, q=self.drives[0], qd=self.drives[1], qdd=self.drives[2], drives=None
+        )
         bodies = of_bodies(base)
         joints = replace(self, drives=None)
         of_effects = ahead.predicted(base, np.where(bodies, 0.0, values))
@@ -149,17 +201,24 @@ class States:
         """Values of the symbols of gravity, if the model has some."""
         if self.gravity is None:
             return {}
-        return {name: float(value) for name, value in zip(GRAVITY, self.gravity, strict=True)}
+        return {
+            name: float(value)
+            for name, value in zip(GRAVITY, self.gravity, strict=True)
+        }
 
 
 def of_bodies(base: BaseModel) -> Flags:
     """Whether base parameters are those of bodies, not of effects such as friction and rotors; shape (r,)."""
     columns = base.mechanism.columns
-    return np.array([columns[pivot].body is not None for pivot in base.matrix.pivots], dtype=bool)
+    return np.array(
+        [columns[pivot].body is not None for pivot in base.matrix.pivots], dtype=bool
+    )
 
 
 def _predicted(base: BaseModel, samples: Samples, values: Floats) -> Floats:
-    return base.predict(samples.q, samples.qd, samples.qdd, values, None, dict(samples.inputs))
+    return base.predict(
+        samples.q, samples.qd, samples.qdd, values, None, dict(samples.inputs)
+    )
 
 
 @dataclass(frozen=True)
@@ -184,7 +243,9 @@ class Products:
     """[W y]ᵀ[W y] of each output's rows in each block."""
 
     size: int  # of all parameters: base parameters, then those of terms
-    columns: tuple[Integers, ...]  # shape (n_i,) for each output: the parameters it can depend on
+    columns: tuple[
+        Integers, ...
+    ]  # shape (n_i,) for each output: the parameters it can depend on
     grams: tuple[Floats, ...]  # shape (blocks, n_i + 1, n_i + 1)
     counts: Floats  # shape (blocks, outputs); rows
     sums: Floats  # shape (blocks, outputs); of the measured values
@@ -198,19 +259,25 @@ class Products:
             grams.append(rows.products(rows.table, rows.table))
             counts.append([float(some.stop - some.start) for some in rows.blocks])
             sums.append([float(rows.table[some, -1].sum()) for some in rows.blocks])
-        return Products(size, tuple(columns), tuple(grams), np.array(counts).T, np.array(sums).T)
+        return Products(
+            size, tuple(columns), tuple(grams), np.array(counts).T, np.array(sums).T
+        )
 
     @cached_property
     def spread(self) -> Floats:
         """Squares of measured values about their means, shape (outputs,)."""
         squares = np.array([gram[:, -1, -1].sum() for gram in self.grams])
-        of_means: Floats = self.sums.sum(axis=0) ** 2 / np.maximum(self.counts.sum(axis=0), 1)
+        of_means: Floats = self.sums.sum(axis=0) ** 2 / np.maximum(
+            self.counts.sum(axis=0), 1
+        )
         return np.asarray(np.maximum(squares - of_means, 0.0))
 
     def together(self, blocks: Sequence[int] | slice = slice(None)) -> Products:
         """The products of some blocks as of one."""
         grams = tuple(gram[blocks].sum(axis=0, keepdims=True) for gram in self.grams)
-        counts, sums = (some[blocks].sum(axis=0, keepdims=True) for some in (self.counts, self.sums))
+        counts, sums = (
+            some[blocks].sum(axis=0, keepdims=True) for some in (self.counts, self.sums)
+        )
         return replace(self, grams=grams, counts=counts, sums=sums)
 
     def scaled(self, output: int, factor: float) -> Products:
@@ -223,24 +290,36 @@ class Products:
     def squares(self, values: Floats) -> Floats:
         """Squares of residuals with some parameters, shape (blocks, outputs)."""
         found = np.empty_like(self.counts)
-        for output, (columns, gram) in enumerate(zip(self.columns, self.grams, strict=True)):
+        for output, (columns, gram) in enumerate(
+            zip(self.columns, self.grams, strict=True)
+        ):
             full = np.append(values[columns], -1.0)
             found[:, output] = np.maximum((gram @ full) @ full, 0.0)
         return found
 
     def normal_equations(self, weights: Floats) -> tuple[Floats, Floats]:
         """Normal matrix and right side of the first block, outputs weighted."""
-        weighted = [weight * gram[0, :-1] for weight, gram in zip(weights, self.grams, strict=True)]
+        weighted = [
+            weight * gram[0, :-1]
+            for weight, gram in zip(weights, self.grams, strict=True)
+        ]
         products = np.concatenate([part[:, :-1].ravel() for part in weighted])
         right = np.concatenate([part[:, -1] for part in weighted])
-        matrix = np.bincount(self._places, products, self.size**2).reshape(self.size, self.size)
+        matrix = np.bincount(self._places, products, self.size**2).reshape(
+            self.size, self.size
+        )
         sides = np.bincount(np.concatenate(self.columns), right, self.size)
         return np.asarray(matrix, dtype=np.float64), np.asarray(sides, dtype=np.float64)
 
     @cached_property
     def _places(self) -> Integers:
         """Places in the normal matrix, row by row, of the products of all outputs."""
-        return np.concatenate([np.add.outer(self.size * columns, columns).ravel() for columns in self.columns])
+        return np.concatenate(
+            [
+                np.add.outer(self.size * columns, columns).ravel()
+                for columns in self.columns
+            ]
+        )
 
 
 class Evidence:
@@ -249,17 +328,23 @@ class Evidence:
     def __init__(self, base: BaseModel) -> None:
         self.base = base
         places, parameters = base.sparsity
-        self._entries: list[Integers] = [np.flatnonzero(places == k) for k in range(len(base.mechanism.outputs))]
+        self._entries: list[Integers] = [
+            np.flatnonzero(places == k) for k in range(len(base.mechanism.outputs))
+        ]
         self._parameters = parameters
         self._of_effects = ~of_bodies(base)[parameters]
         self._last: tuple[States, Floats] | None = None
 
-    def products(self, states: States, terms: Sequence[Mapping[int, Floats]] = ()) -> Products:
+    def products(
+        self, states: States, terms: Sequence[Mapping[int, Floats]] = ()
+    ) -> Products:
         """Products of the rows of some states, with columns of terms: signals (samples, k) by output."""
         size = self.base.rank + sum(map(width, terms))
         return Products.of(size, self.rows(states, terms))
 
-    def rows(self, states: States, terms: Sequence[Mapping[int, Floats]] = ()) -> Iterator[OutputRows]:
+    def rows(
+        self, states: States, terms: Sequence[Mapping[int, Floats]] = ()
+    ) -> Iterator[OutputRows]:
         """The rows of all outputs."""
         entries, measured = self._filtered_entries(states), states.rows(states.y)
         for output in range(len(self._entries)):
@@ -268,7 +353,9 @@ class Evidence:
             columns = np.append(self._parameters[chosen], added)
             fitted = states.fitted[:, output]
             table = np.empty((np.count_nonzero(fitted), len(columns) + 1))
-            table[:, : len(chosen)] = states.scale[output] * shares * entries[:, chosen][fitted]
+            table[:, : len(chosen)] = (
+                states.scale[output] * shares * entries[:, chosen][fitted]
+            )
             if signals:
                 table[:, len(chosen) : -1] = states.rows(np.hstack(signals))[fitted]
             table[:, -1] = measured[fitted, output]
@@ -292,12 +379,16 @@ class Evidence:
         if self._last is None or not states.moves_like(self._last[0]):
             entries = self._entries_at(states, (states.q, states.qd, states.qdd))
             if states.drives is not None:
-                entries[:, self._of_effects] = self._entries_at(states, states.drives)[:, self._of_effects]
+                entries[:, self._of_effects] = self._entries_at(states, states.drives)[
+                    :, self._of_effects
+                ]
             self._last = states, states.rows(entries)
         return self._last[1]
 
     def _entries_at(self, states: States, motion: Motion) -> Floats:
-        return self.base.regressor_entries(*motion, states.symbols, dict(states.inputs), threads=1)
+        return self.base.regressor_entries(
+            *motion, states.symbols, dict(states.inputs), threads=1
+        )
 
 
 def width(term: Mapping[int, Floats]) -> int:
@@ -305,7 +396,9 @@ def width(term: Mapping[int, Floats]) -> int:
     return int(next(iter(term.values())).shape[1])
 
 
-def _of_terms(first: int, terms: Sequence[Mapping[int, Floats]], output: int) -> tuple[Integers, list[Floats]]:
+def _of_terms(
+    first: int, terms: Sequence[Mapping[int, Floats]], output: int
+) -> tuple[Integers, list[Floats]]:
     """Parameters of terms that act on an output, numbered from the first one on, and their signals."""
     numbers, signals = [], []
     for term in terms:
@@ -319,7 +412,9 @@ def _of_terms(first: int, terms: Sequence[Mapping[int, Floats]], output: int) ->
 def _blocks(fitted: Flags) -> tuple[slice, ...]:
     """Blocks of rows that are fitted; they divide all rows evenly."""
     before = np.append(0, np.cumsum(fitted))
-    bounds = [int(before[-(-len(fitted) * block // BLOCKS)]) for block in range(BLOCKS + 1)]
+    bounds = [
+        int(before[-(-len(fitted) * block // BLOCKS)]) for block in range(BLOCKS + 1)
+    ]
     return tuple(slice(begin, end) for begin, end in pairwise(bounds))
 
 
@@ -389,8 +484,12 @@ class Gain:
         if not told.any():
             return Gain(0.0, np.inf)
         least = np.maximum(floor / len(before), np.finfo(float).tiny)
-        ratios = 0.5 * np.log(np.maximum(before, least) / np.maximum(after, least))[:, told].mean(axis=1)
-        return Gain(float(ratios.mean()), float(ratios.std(ddof=1) / np.sqrt(len(ratios))))
+        ratios = 0.5 * np.log(np.maximum(before, least) / np.maximum(after, least))[
+            :, told
+        ].mean(axis=1)
+        return Gain(
+            float(ratios.mean()), float(ratios.std(ddof=1) / np.sqrt(len(ratios)))
+        )
 
     @property
     def is_none(self) -> bool:

@@ -9,7 +9,9 @@ from echelon.logs.finding import Finding, note, warning
 _SERIOUS = 0.01  # R² that is worth a warning, for effects that few robots have
 _USUALLY = 1e-3  # the same for those that most have
 _EFFECTS = (Kind.EFFECT, Kind.ROTOR)
-_CONTRADICTS = 0.1  # gain from which on what is wrong with the readings speaks against the model
+_CONTRADICTS = (
+    0.1  # gain from which on what is wrong with the readings speaks against the model
+)
 
 _NAMES = {
     Kind.EFFECT: "missing effect",
@@ -34,12 +36,14 @@ def finding(judged: Judged, *, lists_effects: bool, taken: bool = False) -> Find
         return _of_effect(judged, lists_effects=lists_effects, taken=taken)
     if judged.kind in (Kind.READING, Kind.UNIT):
         (before,), (after,) = judged.before, judged.after
-        gain = (
-            f"; with this one change what is left of the outputs falls from {before:.2%} to {after:.2%} of their spread"
-        )
+        gain = f"; with this one change what is left of the outputs falls from {before:.2%} to {after:.2%} of their spread"
         text = judged.words + gain * (before < 1)
-        return (note if taken else warning)("gravity" if judged.gravity is not None else name, "", text + _taken(taken))
-    rises = ", ".join(f"{b:.4f} to {a:.4f}" for b, a in zip(judged.before, judged.after, strict=True))
+        return (note if taken else warning)(
+            "gravity" if judged.gravity is not None else name, "", text + _taken(taken)
+        )
+    rises = ", ".join(
+        f"{b:.4f} to {a:.4f}" for b, a in zip(judged.before, judged.after, strict=True)
+    )
     text = f"{judged.words}: with this R² on held-out rows rises ({rises})"
     if judged.kind is Kind.GAIN:
         text += (
@@ -57,12 +61,24 @@ def _taken(taken: bool) -> str:
 
 def _of_effect(judged: Judged, *, lists_effects: bool, taken: bool) -> Finding:
     pairs = list(zip(judged.places, judged.entries, strict=True))
-    together = {entry: [place for place, other in pairs if other == entry] for entry in judged.entries}
-    lines = [entry.replace("{at}", f"[{', '.join(places)}]") for entry, places in together.items()]
-    line = f"add {', '.join(lines)} to 'effects'" if lists_effects else f"write effects: [usual, {', '.join(lines)}]"
+    together = {
+        entry: [place for place, other in pairs if other == entry]
+        for entry in judged.entries
+    }
+    lines = [
+        entry.replace("{at}", f"[{', '.join(places)}]")
+        for entry, places in together.items()
+    ]
+    line = (
+        f"add {', '.join(lines)} to 'effects'"
+        if lists_effects
+        else f"write effects: [usual, {', '.join(lines)}]"
+    )
     line = f"it was taken in; to state it, {line}" if taken else line
     rises = list(zip(judged.places, judged.before, judged.after, strict=True))
-    gains = ", ".join(f"{name} {before:.4f} to {after:.4f}" for name, before, after in rises)
+    gains = ", ".join(
+        f"{name} {before:.4f} to {after:.4f}" for name, before, after in rises
+    )
     text = f"residuals follow {judged.words}; with an effect for it R² on held-out rows rises ({gains}): {line}"
     least = _USUALLY if judged.usual is Usual.EVERYWHERE else _SERIOUS
     serious = any(after - before > least for _, before, after in rises)
@@ -71,6 +87,8 @@ def _of_effect(judged: Judged, *, lists_effects: bool, taken: bool) -> Finding:
 
 def contradiction(judged: Judged) -> str:
     """Why a model should not be used whatever it predicts; empty where a hypothesis does not say so."""
-    if judged.kind in _EFFECTS or (judged.kind is not Kind.UNIT and judged.gain.mean < _CONTRADICTS):
+    if judged.kind in _EFFECTS or (
+        judged.kind is not Kind.UNIT and judged.gain.mean < _CONTRADICTS
+    ):
         return ""
     return f"it would be explained if {judged.words}"

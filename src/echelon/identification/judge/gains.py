@@ -40,7 +40,9 @@ def _observation(base: BaseModel, products: Products) -> Observation:
     for mine, gram in zip(products.columns, products.grams, strict=True):
         some = np.append(np.flatnonzero(mine < base.rank), len(mine))
         values, vectors = np.linalg.eigh(gram.sum(axis=0)[np.ix_(some, some)])
-        factors.append(upper_triangle(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T))
+        factors.append(
+            upper_triangle(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+        )
         columns.append(tuple(mine[mine < base.rank].tolist()))
     names = tuple(output.name for output in base.mechanism.outputs)
     layout = Layout(names, tuple(base.pivots), tuple(columns))
@@ -58,20 +60,26 @@ def _one_scale(observation: Observation, outputs: Sequence[int]) -> list[list[in
 
     def rank(group: Sequence[int]) -> int:
         parts = [rows[k] / scales for k in group]
-        stacked = np.concatenate([part / (np.linalg.norm(part) or 1.0) for part in parts])
+        stacked = np.concatenate(
+            [part / (np.linalg.norm(part) or 1.0) for part in parts]
+        )
         singular = np.linalg.svd(stacked, compute_uv=False)
         return int(np.sum(singular > _MEETING * singular[0]))
 
     groups = [[k] for k in outputs]
     while True:
         pairs = combinations(groups, 2)
-        meeting = next(((a, b) for a, b in pairs if rank(a + b) < rank(a) + rank(b)), None)
+        meeting = next(
+            ((a, b) for a, b in pairs if rank(a + b) < rank(a) + rank(b)), None
+        )
         if meeting is None:
             return [sorted(group) for group in groups if len(group) > 1]
         groups = [g for g in groups if g not in meeting] + [meeting[0] + meeting[1]]
 
 
-def _apart(observation: Observation, units: Sequence[str], group: Sequence[int]) -> dict[int, float]:
+def _apart(
+    observation: Observation, units: Sequence[str], group: Sequence[int]
+) -> dict[int, float]:
     """Gains of outputs that have one scale: every unit but one is unknown, and each is compared with the usual one."""
     layout, scaled = observation.layout, group[1:]
     names = tuple(f"gain of {layout.outputs[k]}" for k in scaled)
@@ -79,7 +87,10 @@ def _apart(observation: Observation, units: Sequence[str], group: Sequence[int])
         found = fit_currents(
             _with_gains(observation, scaled, names),
             [*units, *("" for _ in names)],
-            [(names[scaled.index(k)],) if k in scaled else () for k in range(len(layout.outputs))],
+            [
+                (names[scaled.index(k)],) if k in scaled else ()
+                for k in range(len(layout.outputs))
+            ],
         )
     except InputError:  # the data do not tell
         return {}
@@ -90,22 +101,34 @@ def _apart(observation: Observation, units: Sequence[str], group: Sequence[int])
         return {}
     factors = gains / _usual_gain(np.sort(gains[told & (gains > 0)]))
     some = zip(group, factors, told, strict=True)
-    return {k: float(1 / f) for k, f, clear in some if clear and not 1 / APART < f < APART}
+    return {
+        k: float(1 / f) for k, f, clear in some if clear and not 1 / APART < f < APART
+    }
 
 
 def _usual_gain(gains: Floats) -> float:
     """The gain that half of the sorted gains or more are like, else the median."""
-    alike = np.sum(np.abs(np.log(np.divide.outer(gains, gains))) < 0.5 * np.log(APART), axis=1)
-    return float(gains[np.argmax(alike) if 2 * alike.max() >= len(gains) else (len(gains) - 1) // 2])
+    alike = np.sum(
+        np.abs(np.log(np.divide.outer(gains, gains))) < 0.5 * np.log(APART), axis=1
+    )
+    return float(
+        gains[
+            np.argmax(alike) if 2 * alike.max() >= len(gains) else (len(gains) - 1) // 2
+        ]
+    )
 
 
-def _with_gains(observation: Observation, scaled: Sequence[int], names: tuple[str, ...]) -> Observation:
+def _with_gains(
+    observation: Observation, scaled: Sequence[int], names: tuple[str, ...]
+) -> Observation:
     """The equations 0 = X ζ − y K for some outputs, as they are for the others."""
     layout, count = observation.layout, len(observation.layout.parameters)
     columns, factors = list(layout.columns), list(observation.factors)
     for place, k in enumerate(scaled):
         columns[k] = (*columns[k], count + place)
         R = factors[k]
-        factors[k] = upper_triangle(np.column_stack([R[:, :-1], -R[:, -1], np.zeros(len(R))]))
+        factors[k] = upper_triangle(
+            np.column_stack([R[:, :-1], -R[:, -1], np.zeros(len(R))])
+        )
     whole = Layout(layout.outputs, (*layout.parameters, *names), tuple(columns))
     return Observation(whole, tuple(factors), observation.counts)

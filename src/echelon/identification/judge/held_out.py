@@ -46,18 +46,26 @@ class HeldOut:
         self.products, self.weights = products, 1 / noise
         values, inverses = [], []
         for block in range(BLOCKS):
-            others = products.together([other for other in range(BLOCKS) if other != block])
+            others = products.together(
+                [other for other in range(BLOCKS) if other != block]
+            )
             matrix, right = others.normal_equations(self.weights)
             values.append(ridged_solution(matrix, right))
             inverses.append(ridged_inverse(matrix))
-        self.values = np.array(values)  # shape (blocks, parameters), those fitted without each block
-        self.inverses = np.array(inverses)  # shape (blocks, parameters, parameters), of normal matrices
+        self.values = np.array(
+            values
+        )  # shape (blocks, parameters), those fitted without each block
+        self.inverses = np.array(
+            inverses
+        )  # shape (blocks, parameters, parameters), of normal matrices
 
     @cached_property
     def squares(self) -> Floats:
         """Squares of what is left of each block, shape (blocks, outputs)."""
         blocks = range(BLOCKS)
-        return np.concatenate([self.products.together([k]).squares(self.values[k]) for k in blocks])
+        return np.concatenate(
+            [self.products.together([k]).squares(self.values[k]) for k in blocks]
+        )
 
 
 class Beside:
@@ -76,7 +84,11 @@ class Beside:
     """
 
     def __init__(
-        self, held: HeldOut, rows: Sequence[OutputRows], states: States, terms: Sequence[Mapping[int, Floats]]
+        self,
+        held: HeldOut,
+        rows: Sequence[OutputRows],
+        states: States,
+        terms: Sequence[Mapping[int, Floats]],
     ) -> None:
         self._held = held
         self._numbers, self._products = _with_columns(rows, states, terms)
@@ -86,7 +98,9 @@ class Beside:
         right = np.zeros((BLOCKS, count))  # Xᵀy
         for output, numbers in self._numbers.items():
             columns, size = model.columns[output], len(model.columns[output])
-            others = held.weights[output] * np.tensordot(_OTHERS, self._products[output], 1)
+            others = held.weights[output] * np.tensordot(
+                _OTHERS, self._products[output], 1
+            )
             cross[:, columns[:, None], numbers] += others[:, :size]
             right[:, numbers] += others[:, size]
             own[:, numbers[:, None], numbers] += others[:, size + 1 :]
@@ -119,16 +133,27 @@ class Beside:
         """Parameters of some columns that are fitted without each block, shape (blocks, columns)."""
         some = np.array(columns, dtype=np.intp)
         pairs = zip(self._left, self._rest, strict=True)
-        return np.array([ridged_solution(left[np.ix_(some, some)], rest[some]) for left, rest in pairs])
+        return np.array(
+            [
+                ridged_solution(left[np.ix_(some, some)], rest[some])
+                for left, rest in pairs
+            ]
+        )
 
     @cached_property
     def _residual_products(self) -> list[Floats]:
         """[r X − Wβ]ᵀ[r X − Wβ] in the blocks left out, of each output; shape (blocks, 1 + columns, 1 + columns)."""
         model = self._held.products
-        of_model = np.concatenate([self._held.values[:, :, None], self._shadows], axis=2)
+        of_model = np.concatenate(
+            [self._held.values[:, :, None], self._shadows], axis=2
+        )
         found = []
-        for output, (columns, gram) in enumerate(zip(model.columns, model.grams, strict=True)):
-            ahead = np.zeros((BLOCKS, len(columns) + 1, of_model.shape[2]))  # r and X − Wβ by the columns of W and y
+        for output, (columns, gram) in enumerate(
+            zip(model.columns, model.grams, strict=True)
+        ):
+            ahead = np.zeros(
+                (BLOCKS, len(columns) + 1, of_model.shape[2])
+            )  # r and X − Wβ by the columns of W and y
             ahead[:, :-1] = -of_model[:, columns]
             ahead[:, -1, 0] = 1.0
             back = ahead.transpose(0, 2, 1)
@@ -157,10 +182,14 @@ def _with_columns(
             signals.setdefault(output, []).append(values)
             numbers.setdefault(output, []).extend(range(first, following))
         first = following
-    filtered = states.rows(np.hstack([values for some in signals.values() for values in some]))
+    filtered = states.rows(
+        np.hstack([values for some in signals.values() for values in some])
+    )
     ends = np.cumsum([len(some) for some in numbers.values()])
     products = {}
-    for output, columns in zip(signals, np.split(filtered, ends[:-1], axis=1), strict=True):
+    for output, columns in zip(
+        signals, np.split(filtered, ends[:-1], axis=1), strict=True
+    ):
         model, X = rows[output], columns[rows[output].fitted]
         products[output] = model.products(np.hstack([model.table, X]), X)
     return {output: np.array(some) for output, some in numbers.items()}, products

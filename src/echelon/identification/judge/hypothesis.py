@@ -46,8 +46,12 @@ class Knob:
 
     step: float  # of a derivative by central differences
     count: int  # of sizes
-    moved: Callable[[States, Floats, Floats], States]  # states with sizes (count,), by loads (samples, outputs)
-    says: Callable[[Floats, Floats], tuple[str, str]]  # words and lines of a set-up, by sizes and standard errors
+    moved: Callable[
+        [States, Floats, Floats], States
+    ]  # states with sizes (count,), by loads (samples, outputs)
+    says: Callable[
+        [Floats, Floats], tuple[str, str]
+    ]  # words and lines of a set-up, by sizes and standard errors
     sign: float = 1.0  # of the first gain, where sizes are logarithms
     by_measured_load: bool = False  # whether loads are what was measured, less friction, not what the model predicts
 

@@ -23,13 +23,33 @@ from echelon.base.model import BaseModel
 from echelon.errors import EchelonError
 from echelon.identification.judge.changes import payloads, warming, whole_loads
 from echelon.identification.judge.effects import effects
-from echelon.identification.judge.evidence import Evidence, Gain, Products, States, WeightedFit, fitted, ridged_solution
+from echelon.identification.judge.evidence import (
+    Evidence,
+    Gain,
+    Products,
+    States,
+    WeightedFit,
+    fitted,
+    ridged_solution,
+)
 from echelon.identification.judge.gains import own_gains
 from echelon.identification.judge.held_out import Beside, HeldOut
-from echelon.identification.judge.hypothesis import CONTINUOUS, Kind, Reading, Term, Usual
+from echelon.identification.judge.hypothesis import (
+    CONTINUOUS,
+    Kind,
+    Reading,
+    Term,
+    Usual,
+)
 from echelon.identification.judge.knobs import gain, load_of, slopes, turned
 from echelon.identification.judge.readings import Readings
-from echelon.identification.judge.settled import Turned, jackknifed, read_with, settled, settled_with_loads
+from echelon.identification.judge.settled import (
+    Turned,
+    jackknifed,
+    read_with,
+    settled,
+    settled_with_loads,
+)
 from echelon.identification.physics.feasibility import nearest_physical
 
 _ROUNDS = 8  # hypotheses that are taken at most
@@ -39,7 +59,9 @@ _WORTH = 1.6e-3
 """Share of an output's squares that a hypothesis removes at least, times the root of the R² that it adds: a twentieth
 of the squares where that adds a thousandth to R², half of them where it adds a hundred-thousandth."""
 _READ = 0.3  # gain of another reading of the logs from which on it is taken: it leaves three quarters of residuals
-_READ_ELSEWHERE = 0.7  # the same of a log that was not fitted, which may be of another day
+_READ_ELSEWHERE = (
+    0.7  # the same of a log that was not fitted, which may be of another day
+)
 _READ_ALIKE = 0.07  # differences of marks of readings up to which they do alike: 7 % of what is left
 _RIVAL = 0.5  # of the best gain, from which on joints that are not stiff are compared in earnest
 _RARER = 3.0  # times _WORTH, for hypotheses that are rarely true
@@ -67,7 +89,9 @@ class Judged:
     entries: tuple[str, ...] = ()  # what states it, by place
     before: tuple[float, ...] = ()  # R² on held-out rows, by place
     after: tuple[float, ...] = ()
-    size: float = 1.0  # of a continuous change: times a rate, or the first of some gains
+    size: float = (
+        1.0  # of a continuous change: times a rate, or the first of some gains
+    )
     gravity: tuple[float, ...] | None = None  # that it finds, m/s² in the base frame
     taken: bool = True
 
@@ -83,7 +107,9 @@ class _Candidate:
     terms: tuple[Term, ...]
     left: Floats  # squares by block and output
     start: Floats | None = None  # sizes of a continuous change to start from
-    columns: Mapping[int, list[int]] = field(default_factory=dict)  # of its terms, by their numbers in the trial
+    columns: Mapping[int, list[int]] = field(
+        default_factory=dict
+    )  # of its terms, by their numbers in the trial
     trial: _Trial | None = None  # which it is from, if it is columns of the fit
 
 
@@ -95,13 +121,25 @@ class Judge:
     states: States
     readings: Readings
     doubtful: bool = True  # whether other readings are tried, each of which may take a physical programme
-    prior: Floats | None = None  # base parameters that decide between readings that do alike
-    values: Floats | None = None  # base parameters that are known, as of a log that was not fitted
+    prior: Floats | None = (
+        None  # base parameters that decide between readings that do alike
+    )
+    values: Floats | None = (
+        None  # base parameters that are known, as of a log that was not fitted
+    )
     gravity_is_open: bool = False  # whether nobody stated its direction, so that it is doubted before all else
-    told: list[Judged] = field(default_factory=list, init=False)  # those that were taken, and the next best
-    terms: list[Term] = field(default_factory=list, init=False)  # columns that were taken
-    knobs: tuple[Turned, ...] = field(default=(), init=False)  # continuous ones that were taken
-    turned: list[str] = field(default_factory=list, init=False)  # words of knobs that were tried in earnest
+    told: list[Judged] = field(
+        default_factory=list, init=False
+    )  # those that were taken, and the next best
+    terms: list[Term] = field(
+        default_factory=list, init=False
+    )  # columns that were taken
+    knobs: tuple[Turned, ...] = field(
+        default=(), init=False
+    )  # continuous ones that were taken
+    turned: list[str] = field(
+        default_factory=list, init=False
+    )  # words of knobs that were tried in earnest
 
     def __post_init__(self) -> None:
         self.evidence = Evidence(self.base)
@@ -122,9 +160,13 @@ class Judge:
             large = None
             if not taken:
                 large = self.other_reading() if self.doubtful else self._other_robot()
-            if large is not None and (small is None or not self._does_as_well(small, large[0])):
+            if large is not None and (
+                small is None or not self._does_as_well(small, large[0])
+            ):
                 self.told = [large[0], *beside]
-                return [large[0]]  # what is left then is judged when the set-up is mended
+                return [
+                    large[0]
+                ]  # what is left then is judged when the set-up is mended
             if small is None:
                 break
             if small.judged.kind is Kind.JOINT:
@@ -135,7 +177,11 @@ class Judge:
                 others.append(beside)
         kept = [self._keeps(some) for some in taken]
         said = list(compress(self._said(taken), kept))
-        self.told = [some for one, beside in zip(said, compress(others, kept), strict=True) for some in (one, *beside)]
+        self.told = [
+            some
+            for one, beside in zip(said, compress(others, kept), strict=True)
+            for some in (one, *beside)
+        ]
         if taken and self.states.drives is None:  # what was taken may have hidden it
             robot = self._other_robot()
             if robot is not None:
@@ -148,9 +194,15 @@ class Judge:
         if small.judged.gain.mean >= large.gain.mean:
             return True
         before, after = self._physical(self.states), None
-        if small.judged.kind is Kind.GAIN:  # whose slope says little of a gain that is far from one
+        if (
+            small.judged.kind is Kind.GAIN
+        ):  # whose slope says little of a gain that is far from one
             after = self._physical(self._settled(small)[1])
-        return before is not None and after is not None and _between(before, after).mean > large.gain.mean - _READ_ALIKE
+        return (
+            before is not None
+            and after is not None
+            and _between(before, after).mean > large.gain.mean - _READ_ALIKE
+        )
 
     # -- columns -------------------------------------------------------------------------------------------------
 
@@ -159,29 +211,54 @@ class Judge:
         model, first = self._fit(self.states)
         values = first.values[: self.base.rank]
         tried = [
-            *effects(self.base.mechanism, self.states, self.states.predicted(self.base, values)),
+            *effects(
+                self.base.mechanism,
+                self.states,
+                self.states.predicted(self.base, values),
+            ),
             *payloads(self.base, self.states),
             *warming(self.base, self.states),
             *turned(self.base, self.states, values, self.readings.velocities),
         ]
         tried = [term for term in tried if term.words not in self.turned]
-        held, rows = HeldOut(model, first.noise), list(self.evidence.rows(self.states, self._signals))
+        held, rows = (
+            HeldOut(model, first.noise),
+            list(self.evidence.rows(self.states, self._signals)),
+        )
         found = []
         for terms in _grouped(tried):
-            trial = _Trial(terms, held, Beside(held, rows, self.states, [term.signals for term in terms]))
+            trial = _Trial(
+                terms,
+                held,
+                Beside(held, rows, self.states, [term.signals for term in terms]),
+            )
             candidate = trial.candidate(trial.columns)
             if candidate is not None:
                 found.append(candidate)
-        found += [c for c in self._foreign_gains(model, first, held) if c.terms[0].words not in self.turned]
+        found += [
+            c
+            for c in self._foreign_gains(model, first, held)
+            if c.terms[0].words not in self.turned
+        ]
         sure = [c for c in found if c.judged.gain.ratio > _SURE]
         if not sure:
             return None, []
         best = max(sure, key=lambda c: c.judged.gain.mean)
-        alike = [c for c in sure if c is best or Gain.of(c.left, best.left, _floor(model)).is_none]
+        alike = [
+            c
+            for c in sure
+            if c is best or Gain.of(c.left, best.left, _floor(model)).is_none
+        ]
         chosen = min(alike, key=self._simple)
-        if chosen.judged.kind is Kind.GAIN and self.prior is not None:  # of two outputs either may be wrong
+        if (
+            chosen.judged.kind is Kind.GAIN and self.prior is not None
+        ):  # of two outputs either may be wrong
             gains = [c for c in alike if c.judged.kind is Kind.GAIN]
-            chosen = min(gains, key=lambda c: self._unlike_prior(c, model)) if len(gains) > 1 else chosen
+            chosen = (
+                min(gains, key=lambda c: self._unlike_prior(c, model))
+                if len(gains) > 1
+                else chosen
+            )
         return _of_position(_pruned(chosen), alike), sure
 
     def _unlike_prior(self, some: _Candidate, model: Products) -> float:
@@ -189,9 +266,13 @@ class Judge:
         assert self.prior is not None
         prior = np.append(self.prior, np.zeros(model.size - self.base.rank))
         ratios = np.full(len(model.grams), np.nan)
-        for output, (columns, gram) in enumerate(zip(model.columns, model.together().grams, strict=True)):
+        for output, (columns, gram) in enumerate(
+            zip(model.columns, model.together().grams, strict=True)
+        ):
             predicted, whole = prior[columns], gram[0]
-            ratio = (predicted @ whole[:-1, -1]) / max(predicted @ whole[:-1, :-1] @ predicted, _TINY)
+            ratio = (predicted @ whole[:-1, -1]) / max(
+                predicted @ whole[:-1, :-1] @ predicted, _TINY
+            )
             if ratio > 0:
                 ratios[output] = log(ratio)
         sizes = self._settled(some)[0][-1].sizes
@@ -203,15 +284,24 @@ class Judge:
     def _rival(self, chosen: _Candidate, sure: Sequence[_Candidate]) -> _Candidate:
         """The joint that leaves least if it gives way or has play in earnest: derivatives do not tell these apart."""
         joints = [c for c in sure if c.judged.kind is Kind.JOINT]
-        rivals = [c for c in joints if c.judged.gain.mean > _RIVAL * chosen.judged.gain.mean]
+        rivals = [
+            c for c in joints if c.judged.gain.mean > _RIVAL * chosen.judged.gain.mean
+        ]
         return min(rivals, key=lambda c: self._left(self._settled(c)[1], ())[0])
 
     def _simple(self, some: _Candidate) -> tuple[bool, Usual, int, float]:
         """Order of hypotheses that predict alike, the simplest one first."""
         stated = not (self.gravity_is_open and some.judged.kind is Kind.GRAVITY)
-        return stated, some.judged.usual, sum(term.width for term in some.terms), -some.judged.gain.mean
+        return (
+            stated,
+            some.judged.usual,
+            sum(term.width for term in some.terms),
+            -some.judged.gain.mean,
+        )
 
-    def _foreign_gains(self, model: Products, fit: WeightedFit, held: HeldOut) -> list[_Candidate]:
+    def _foreign_gains(
+        self, model: Products, fit: WeightedFit, held: HeldOut
+    ) -> list[_Candidate]:
         """Outputs in other units, such as currents, whose gains are too far from one for derivatives."""
         gains = own_gains(self.base, model)
         if not gains:
@@ -224,13 +314,38 @@ class Judge:
         signs = [float(np.sign(factor)) for factor in gains.values()]
         knob = gain(list(gains), names, signs)
         load = np.zeros_like(self.states.y)
-        signals = slopes(self.base, self.states, fit.values[: self.base.rank], knob, np.zeros(len(gains)), load)
-        term = Term(Kind.GAIN, "the gains of outputs", ", ".join(names), "", Usual.OFTEN, signals, knob)
-        found, spread = Gain.of(before, after, _floor(model)), np.maximum(model.spread, _TINY)
-        old, new = (tuple(1 - squares.sum(axis=0)[k] / spread[k] for k in gains) for squares in (before, after))
+        signals = slopes(
+            self.base,
+            self.states,
+            fit.values[: self.base.rank],
+            knob,
+            np.zeros(len(gains)),
+            load,
+        )
+        term = Term(
+            Kind.GAIN,
+            "the gains of outputs",
+            ", ".join(names),
+            "",
+            Usual.OFTEN,
+            signals,
+            knob,
+        )
+        found, spread = (
+            Gain.of(before, after, _floor(model)),
+            np.maximum(model.spread, _TINY),
+        )
+        old, new = (
+            tuple(1 - squares.sum(axis=0)[k] / spread[k] for k in gains)
+            for squares in (before, after)
+        )
         entries = ("",) * len(names)
-        judged = Judged(Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new)
-        return [_Candidate(judged, (term,), after, np.log(np.abs(list(gains.values()))))]
+        judged = Judged(
+            Kind.GAIN, term.words, "", term.usual, found, names, entries, old, new
+        )
+        return [
+            _Candidate(judged, (term,), after, np.log(np.abs(list(gains.values()))))
+        ]
 
     def _takes(self, chosen: _Candidate) -> bool:
         """Takes a hypothesis into the model, unless it gains nothing where it is not a derivative any more."""
@@ -239,7 +354,9 @@ class Judge:
             return True
         self.turned.append(chosen.terms[0].words)
         knobs, states = self._settled(chosen)
-        if not (np.abs(knobs[-1].sizes) > _SURE * knobs[-1].errors).any():  # an output of pure noise has no gain
+        if not (
+            np.abs(knobs[-1].sizes) > _SURE * knobs[-1].errors
+        ).any():  # an output of pure noise has no gain
             return False
         (before, old), (after, new) = self._fit(self.states), self._fit(states)
         gain = _between(_marks(before, old.values), _marks(after, new.values))
@@ -252,8 +369,12 @@ class Judge:
         """Gives up the columns of a hypothesis, unless it explains what those that were taken after it leave."""
         if some.terms[0].knob is not None:
             return True
-        others = [term for term in self.terms if all(term is not mine for mine in some.terms)]
-        products = self.evidence.products(self.states, [term.signals for term in others])
+        others = [
+            term for term in self.terms if all(term is not mine for mine in some.terms)
+        ]
+        products = self.evidence.products(
+            self.states, [term.signals for term in others]
+        )
         held = HeldOut(products, fitted(products).noise)
         again = self._candidate(some.terms, held, [term.signals for term in others])
         if again is not None and again.judged.gain.ratio > _SURE:
@@ -262,22 +383,34 @@ class Judge:
         return False
 
     def _candidate(
-        self, terms: Sequence[Term], held: HeldOut, signals: Sequence[Mapping[int, Floats]]
+        self,
+        terms: Sequence[Term],
+        held: HeldOut,
+        signals: Sequence[Mapping[int, Floats]],
     ) -> _Candidate | None:
         """A hypothesis beside a model with some columns, at the places where it matters; None if there are none."""
         rows = list(self.evidence.rows(self.states, signals))
-        trial = _Trial(terms, held, Beside(held, rows, self.states, [term.signals for term in terms]))
+        trial = _Trial(
+            terms,
+            held,
+            Beside(held, rows, self.states, [term.signals for term in terms]),
+        )
         return trial.candidate(trial.columns)
 
     def _said(self, taken: Sequence[_Candidate]) -> list[Judged]:
         """Hypotheses that were taken, those that are continuous with the sizes that were found in the end."""
         if self.knobs:
             found = settled_with_loads(self.base, self.start, self.knobs, self._left)
-            self.knobs = jackknifed(self.base, self.start, found, self.evidence, self._signals)
+            self.knobs = jackknifed(
+                self.base, self.start, found, self.evidence, self._signals
+            )
             self.states = read_with(self.start, self.knobs)
         knobs = iter(self.knobs)
         judged = (some.judged for some in taken)
-        return [self._sized(some, next(knobs)) if some.kind in CONTINUOUS else some for some in judged]
+        return [
+            self._sized(some, next(knobs)) if some.kind in CONTINUOUS else some
+            for some in judged
+        ]
 
     def _sized(self, judged: Judged, turned: Turned) -> Judged:
         words, write = turned.words
@@ -293,12 +426,19 @@ class Judge:
         knob = chosen.terms[0].knob
         assert knob is not None
         sizes = np.zeros(knob.count) if chosen.start is None else chosen.start
-        load = load_of(self.base, self.states, self._fit(self.states)[1].values[: self.base.rank], knob)
+        load = load_of(
+            self.base,
+            self.states,
+            self._fit(self.states)[1].values[: self.base.rank],
+            knob,
+        )
         another = Turned(knob, sizes, np.zeros(knob.count), load)
         turned, _ = settled(self.base, self.start, [*self.knobs, another], self._left)
         return turned, read_with(self.start, turned)
 
-    def _left(self, states: States, columns: Sequence[Mapping[int, Floats]]) -> tuple[float, WeightedFit]:
+    def _left(
+        self, states: States, columns: Sequence[Mapping[int, Floats]]
+    ) -> tuple[float, WeightedFit]:
         """Logarithm of the residuals of the model with the columns that were taken and some others, and its fit."""
         products = self.evidence.products(states, [*self._signals, *columns])
         found = fitted(products)
@@ -315,10 +455,14 @@ class Judge:
 
     # -- readings ------------------------------------------------------------------------------------------------
 
-    def other_reading(self, *, only_clock: bool = False) -> tuple[Judged, Reading] | None:
+    def other_reading(
+        self, *, only_clock: bool = False
+    ) -> tuple[Judged, Reading] | None:
         """The reading of the logs with which a robot that can exist explains far more, if there is one."""
         before = self._physical(self.states)
-        tried = self._clocks() if only_clock else (*self.readings.all(), *self._clocks())
+        tried = (
+            self._clocks() if only_clock else (*self.readings.all(), *self._clocks())
+        )
         if before is None:
             return None
         return self._best_reading(before, self._programmes(tried, float(before.mean())))
@@ -326,34 +470,73 @@ class Judge:
     def _other_robot(self) -> tuple[Judged, Reading] | None:
         """Another direction of gravity, or coupled drives, with which free parameters explain far more."""
         products, fit = self._fit(self.states)
-        tried = [(marks, some) for some in self.readings.of_robot() if (marks := self._free(some)) is not None]
+        tried = [
+            (marks, some)
+            for some in self.readings.of_robot()
+            if (marks := self._free(some)) is not None
+        ]
         return self._best_reading(_marks(products, fit.values), tried)
 
-    def _best_reading(self, before: Floats, found: Sequence[tuple[Floats, Reading]]) -> tuple[Judged, Reading] | None:
+    def _best_reading(
+        self, before: Floats, found: Sequence[tuple[Floats, Reading]]
+    ) -> tuple[Judged, Reading] | None:
         """The best of some readings, given with their marks, if it does far better than the present one."""
         if not found:
             return None
         best = min((marks for marks, _ in found), key=lambda marks: float(marks.mean()))
         gain = _between(before, best)
-        if gain.mean < (_READ if self.values is None else _READ_ELSEWHERE) or gain.ratio < _SURE:
+        if (
+            gain.mean < (_READ if self.values is None else _READ_ELSEWHERE)
+            or gain.ratio < _SURE
+        ):
             return None
-        alike = [reading for marks, reading in found if marks is best or _between(marks, best).is_none]
+        alike = [
+            reading
+            for marks, reading in found
+            if marks is best or _between(marks, best).is_none
+        ]
         most = min(reading.usual for reading in alike)
-        turned = [reading for reading in alike if self.gravity_is_open and reading.gravity is not None]
-        alike = turned or self._likely([reading for reading in alike if reading.usual == most])
+        turned = [
+            reading
+            for reading in alike
+            if self.gravity_is_open and reading.gravity is not None
+        ]
+        alike = turned or self._likely(
+            [reading for reading in alike if reading.usual == most]
+        )
         if len(alike) > _ALTERNATIVES:
             return None
-        words, shares = ", or ".join(reading.words for reading in alike), (exp(before.mean()), exp(best.mean()))
-        judged = Judged(Kind.READING, words, "", most, gain, before=shares[:1], after=shares[1:], size=alike[0].rate)
+        words, shares = (
+            ", or ".join(reading.words for reading in alike),
+            (exp(before.mean()), exp(best.mean())),
+        )
+        judged = Judged(
+            Kind.READING,
+            words,
+            "",
+            most,
+            gain,
+            before=shares[:1],
+            after=shares[1:],
+            size=alike[0].rate,
+        )
         reading = alike[0]
         if len(alike) > 1 or reading.gravity is None:
             return judged, reading
         return replace(judged, gravity=tuple(reading.gravity.tolist())), reading
 
-    def _programmes(self, tried: Iterable[Reading], before: float) -> list[tuple[Floats, Reading]]:
+    def _programmes(
+        self, tried: Iterable[Reading], before: float
+    ) -> list[tuple[Floats, Reading]]:
         """Readings with the marks of physical parameters, those that could be the best."""
-        free = [(marks.mean(), reading) for reading in tried if (marks := self._free(reading)) is not None]
-        free.sort(key=lambda entry: round(float(entry[0]), 2))  # of equal ones those that happen more often come first
+        free = [
+            (marks.mean(), reading)
+            for reading in tried
+            if (marks := self._free(reading)) is not None
+        ]
+        free.sort(
+            key=lambda entry: round(float(entry[0]), 2)
+        )  # of equal ones those that happen more often come first
         best, found = before - _READ, []
         for mark, reading in free[:_PROGRAMMES]:
             if mark > best + _READ_ALIKE:
@@ -368,9 +551,15 @@ class Judge:
         """Readings with which the prior predicts best: a mirrored robot can exist as well."""
         if self.prior is None or len(alike) < 2:
             return alike
-        products = [self.evidence.products(reading.read(self.states)) for reading in alike]
+        products = [
+            self.evidence.products(reading.read(self.states)) for reading in alike
+        ]
         marks = [float(_marks(some, self.prior).mean()) for some in products]
-        return [reading for mark, reading in zip(marks, alike, strict=True) if mark <= min(marks) + _READ_ALIKE]
+        return [
+            reading
+            for mark, reading in zip(marks, alike, strict=True)
+            if mark <= min(marks) + _READ_ALIKE
+        ]
 
     def _clocks(self) -> Iterator[Reading]:
         """The rate that explains most, if it is not the one that was taken."""
@@ -381,7 +570,10 @@ class Judge:
 
         rate = min(map(float, _RATES), key=mark)
         for width, count in _FINER_RATES if rate not in _UNITS else ():
-            rate = min((float(some) for some in rate * width ** np.linspace(-1, 1, count)), key=mark)
+            rate = min(
+                (float(some) for some in rate * width ** np.linspace(-1, 1, count)),
+                key=mark,
+            )
         if abs(log(rate)) > _SAME_RATE:
             yield self.readings.clock(rate)
 
@@ -400,7 +592,9 @@ class Judge:
             values, rank = fit.values.copy(), self.base.rank
             if self.values is None and rank <= _LARGEST:
                 covariance = fit.covariance[:rank, :rank]
-                standard, _ = nearest_physical(self.base, values[:rank], covariance, states.symbols)
+                standard, _ = nearest_physical(
+                    self.base, values[:rank], covariance, states.symbols
+                )
                 values[:rank] = self.base.B_float(states.symbols) @ standard
         except (EchelonError, np.linalg.LinAlgError):
             return None
@@ -414,16 +608,31 @@ class Judge:
         for term in whole_loads(self.base, self.states):
             products = self.evidence.products(self.states, [term.signals])
             without = np.append(self.values, np.zeros(term.width))
-            noise = products.squares(without).sum(axis=0) / np.maximum(products.counts.sum(axis=0), 1)
-            matrix, right = products.together().normal_equations(1 / np.maximum(noise, _TINY))
-            load = ridged_solution(matrix[rank:, rank:], right[rank:] - matrix[rank:, :rank] @ self.values)
-            gain = _between(_marks(products, without), _marks(products, np.append(self.values, load)))
+            noise = products.squares(without).sum(axis=0) / np.maximum(
+                products.counts.sum(axis=0), 1
+            )
+            matrix, right = products.together().normal_equations(
+                1 / np.maximum(noise, _TINY)
+            )
+            load = ridged_solution(
+                matrix[rank:, rank:], right[rank:] - matrix[rank:, :rank] @ self.values
+            )
+            gain = _between(
+                _marks(products, without),
+                _marks(products, np.append(self.values, load)),
+            )
             found.append((gain, term.words))
-        gain, words = max(found, key=lambda entry: entry[0].mean, default=(Gain(0.0, inf), ""))
+        gain, words = max(
+            found, key=lambda entry: entry[0].mean, default=(Gain(0.0, inf), "")
+        )
         return words if gain.mean > _READ_ELSEWHERE and gain.ratio > _SURE else None
 
     def _known(self, values: Floats) -> Floats:
-        return values if self.values is None else np.append(self.values, values[self.base.rank :])
+        return (
+            values
+            if self.values is None
+            else np.append(self.values, values[self.base.rank :])
+        )
 
 
 @dataclass(frozen=True)
@@ -450,31 +659,68 @@ class _Trial:
 
     def candidate(self, columns: dict[int, list[int]]) -> _Candidate | None:
         """A hypothesis at the places where it matters, given by columns of its terms; None if there are none."""
-        columns = {term: [c for c in some if self.beside.new[c] > _NEW] for term, some in columns.items()}
-        columns = {term: some for term, some in columns.items() if some and self._can_be(self.terms[term], some)}
+        columns = {
+            term: [c for c in some if self.beside.new[c] > _NEW]
+            for term, some in columns.items()
+        }
+        columns = {
+            term: some
+            for term, some in columns.items()
+            if some and self._can_be(self.terms[term], some)
+        }
         before = after = self.held.squares
         while columns:
             after = self.beside.squares([c for some in columns.values() for c in some])
-            worth = {term: some for term, some in columns.items() if self._is_worth(self.terms[term], before, after)}
+            worth = {
+                term: some
+                for term, some in columns.items()
+                if self._is_worth(self.terms[term], before, after)
+            }
             if len(worth) == len(columns):
                 break
             columns = worth
         if not columns:
             return None
-        terms, spread = tuple(self.terms[term] for term in columns), np.maximum(self.spread, _TINY)
-        outputs = [max(_shown(t, before), key=lambda k: float((before - after)[:, k].sum() / spread[k])) for t in terms]
-        old, new = (tuple(float(1 - e[:, k].sum() / spread[k]) for k in outputs) for e in (before, after))
+        terms, spread = (
+            tuple(self.terms[term] for term in columns),
+            np.maximum(self.spread, _TINY),
+        )
+        outputs = [
+            max(
+                _shown(t, before),
+                key=lambda k: float((before - after)[:, k].sum() / spread[k]),
+            )
+            for t in terms
+        ]
+        old, new = (
+            tuple(float(1 - e[:, k].sum() / spread[k]) for k in outputs)
+            for e in (before, after)
+        )
         entries, names = tuple(t.write for t in terms), tuple(t.place for t in terms)
         gain = Gain.of(before, after, _floor(self.held.products))
-        judged = Judged(terms[0].kind, terms[0].words, entries[0], terms[0].usual, gain, names, entries, old, new)
+        judged = Judged(
+            terms[0].kind,
+            terms[0].words,
+            entries[0],
+            terms[0].usual,
+            gain,
+            names,
+            entries,
+            old,
+            new,
+        )
         return _Candidate(judged, terms, after, columns=columns, trial=self)
 
     def pruned(self, chosen: _Candidate) -> _Candidate:
         """A hypothesis at those of its places that matter beside the others."""
         columns = dict(chosen.columns)
         for term in chosen.columns if len(columns) > 1 else ():
-            others = [c for other, some in columns.items() if other != term for c in some]
-            if others and not self._is_worth(self.terms[term], self.beside.squares(others), chosen.left):
+            others = [
+                c for other, some in columns.items() if other != term for c in some
+            ]
+            if others and not self._is_worth(
+                self.terms[term], self.beside.squares(others), chosen.left
+            ):
                 del columns[term]
         kept = self.candidate(columns) if len(columns) < len(chosen.columns) else None
         return kept or chosen
@@ -485,8 +731,16 @@ class _Trial:
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:
         least = _WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)
         for output in _shown(term, before):
-            old, new, spread = before[:, output].sum(), after[:, output].sum(), self.spread[output]
-            if new < old and new < spread and (old - new) / old * np.sqrt((old - new) / spread) > least:
+            old, new, spread = (
+                before[:, output].sum(),
+                after[:, output].sum(),
+                self.spread[output],
+            )
+            if (
+                new < old
+                and new < spread
+                and (old - new) / old * np.sqrt((old - new) / spread) > least
+            ):
                 return True
         return False
 
@@ -513,8 +767,14 @@ def _shown(term: Term, squares: Floats) -> Iterable[int]:
 def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:
     """Functions of a joint's position that nothing tells apart are some function of it."""
     places = set(chosen.judged.places)
-    same = [c for c in alike if c.terms[0].of_position and places <= set(c.judged.places)]
-    if chosen.judged.usual is not Usual.RARELY or not chosen.terms[0].of_position or len(same) < _ALTERNATIVES:
+    same = [
+        c for c in alike if c.terms[0].of_position and places <= set(c.judged.places)
+    ]
+    if (
+        chosen.judged.usual is not Usual.RARELY
+        or not chosen.terms[0].of_position
+        or len(same) < _ALTERNATIVES
+    ):
         return chosen
     words = f"something that depends on the position, such as {chosen.judged.words}"
     return replace(chosen, judged=replace(chosen.judged, words=words))
@@ -522,20 +782,32 @@ def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:
 
 def _beside(chosen: _Candidate | None, sure: Iterable[_Candidate]) -> list[Judged]:
     """Hypotheses that do well beside the one that is taken, the best ones first."""
-    others = [c.judged for c in sure if chosen is None or c.terms[0].words != chosen.terms[0].words]
-    return [replace(some, taken=False) for some in sorted(others, key=lambda some: -some.gain.mean)[:_SHOWN]]
+    others = [
+        c.judged
+        for c in sure
+        if chosen is None or c.terms[0].words != chosen.terms[0].words
+    ]
+    return [
+        replace(some, taken=False)
+        for some in sorted(others, key=lambda some: -some.gain.mean)[:_SHOWN]
+    ]
 
 
 def _marks(products: Products, values: Floats) -> Floats:
     """Logarithms of residuals over spread, by block, means of the outputs; shape (blocks,)."""
     told = products.spread > 0
-    shares = products.squares(values)[:, told] * len(products.counts) / products.spread[told]
+    shares = (
+        products.squares(values)[:, told] * len(products.counts) / products.spread[told]
+    )
     return np.asarray(0.5 * np.log(np.maximum(shares, _FLOOR**2)).mean(axis=1))
 
 
 def _between(before: Floats, after: Floats) -> Gain:
     differences = before - after
-    return Gain(float(differences.mean()), float(differences.std(ddof=1) / np.sqrt(len(differences))))
+    return Gain(
+        float(differences.mean()),
+        float(differences.std(ddof=1) / np.sqrt(len(differences))),
+    )
 
 
 def _grouped(tried: Sequence[Term]) -> list[list[Term]]:

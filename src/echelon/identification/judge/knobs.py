@@ -17,7 +17,9 @@ from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 _RATIO = "what it should be beside the others, for data tell ratios of outputs only"
 
 
-def turned(base: BaseModel, states: States, values: Floats, velocities: bool) -> Iterator[Term]:
+def turned(
+    base: BaseModel, states: States, values: Floats, velocities: bool
+) -> Iterator[Term]:
     """Terms of all knobs: derivatives of the prediction with some base parameters.
 
     ``velocities`` says whether they were measured, so that they do not depend on the clock.
@@ -30,12 +32,20 @@ def turned(base: BaseModel, states: States, values: Floats, velocities: bool) ->
 
 
 def slopes(
-    base: BaseModel, start: States, values: Floats, knob: Knob, sizes: Floats, load: Floats
+    base: BaseModel,
+    start: States,
+    values: Floats,
+    knob: Knob,
+    sizes: Floats,
+    load: Floats,
 ) -> dict[int, Floats]:
     """Derivatives of the prediction by the sizes of a knob, from central differences; by output, shape (samples, k)."""
     columns = []
     for step in knob.step * np.eye(knob.count):
-        ahead, back = (knob.moved(start, sizes + sign * step, load).predicted(base, values) for sign in (1, -1))
+        ahead, back = (
+            knob.moved(start, sizes + sign * step, load).predicted(base, values)
+            for sign in (1, -1)
+        )
         columns.append((ahead - back) / (2 * knob.step))
     whole = np.stack(columns, axis=2)
     return {k: whole[:, k] for k in range(whole.shape[1])}
@@ -59,7 +69,14 @@ def _knobs(
     names = [output.name for output in mechanism.outputs]
     every = list(range(len(names)))
     if states.gravity is not None:
-        yield Kind.GRAVITY, "gravity in another direction", "", Usual.OFTEN, every, _tilt(states.gravity)
+        yield (
+            Kind.GRAVITY,
+            "gravity in another direction",
+            "",
+            Usual.OFTEN,
+            every,
+            _tilt(states.gravity),
+        )
     for k, name in enumerate(names):
         words = f"the gain of the output of '{name}'"
         yield Kind.GAIN, words, name, Usual.OFTEN, [k], gain([k], [name])
@@ -92,12 +109,17 @@ def _tilt(gravity: Floats) -> Knob:
         angle = np.degrees(np.arccos(np.clip(found @ gravity / size**2, -1, 1)))
         line = ", ".join(f"{g:.4g}" for g in found)
         error = np.degrees(float(np.linalg.norm(errors)))
-        return f"the base is tilted by {angle:.2g}° ± {error:.1g}°: gravity is along [{line}]", f"gravity: [{line}]"
+        return (
+            f"the base is tilted by {angle:.2g}° ± {error:.1g}°: gravity is along [{line}]",
+            f"gravity: [{line}]",
+        )
 
     return Knob(1e-3, 2, moved, says)
 
 
-def gain(outputs: Sequence[int], names: Sequence[str], signs: Sequence[float] = ()) -> Knob:
+def gain(
+    outputs: Sequence[int], names: Sequence[str], signs: Sequence[float] = ()
+) -> Knob:
     """Outputs that are some times what they should be, with signs, 1 if omitted; sizes are logarithms."""
     sign = np.array(signs or [1.0] * len(outputs))
 
@@ -109,11 +131,23 @@ def gain(outputs: Sequence[int], names: Sequence[str], signs: Sequence[float] = 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         factors = sign * np.exp(sizes)
         several = zip(names, factors, np.abs(factors) * errors, strict=True)
-        each = [f"that of '{name}' is {factor:.3g} ± {error:.1g} times" for name, factor, error in several]
-        line = ", ".join(f"{name}: {1 / factor:.4g}" for name, factor in zip(names, factors, strict=True))
+        each = [
+            f"that of '{name}' is {factor:.3g} ± {error:.1g} times"
+            for name, factor, error in several
+        ]
+        line = ", ".join(
+            f"{name}: {1 / factor:.4g}"
+            for name, factor in zip(names, factors, strict=True)
+        )
         if len(each) > 1:
-            return f"outputs are in units of their own: {', '.join(each)} {_RATIO}", f"scales of {line}"
-        return f"the output{each[0].removeprefix('that')} {_RATIO}", f"scale: {1 / factors[0]:.4g}"
+            return (
+                f"outputs are in units of their own: {', '.join(each)} {_RATIO}",
+                f"scales of {line}",
+            )
+        return (
+            f"the output{each[0].removeprefix('that')} {_RATIO}",
+            f"scale: {1 / factors[0]:.4g}",
+        )
 
     return Knob(1e-2, len(outputs), moved, says, float(sign[0]))
 
@@ -125,10 +159,15 @@ def _rate(velocities: bool) -> Knob:
         drives = states.drives
         if drives is not None:
             drives = drives[0], first * drives[1], first * faster * drives[2]
-        return replace(states, qd=first * states.qd, qdd=first * faster * states.qdd, drives=drives)
+        return replace(
+            states, qd=first * states.qd, qdd=first * faster * states.qdd, drives=drives
+        )
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        return f"the clock is wrong: the rate is about {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times that", ""
+        return (
+            f"the clock is wrong: the rate is about {np.exp(sizes[0]):.4g} ± {errors[0]:.1g} times that",
+            "",
+        )
 
     return Knob(1e-3, 1, moved, says)
 
@@ -144,7 +183,10 @@ def _elastic(place: Place, sliding: bool) -> Knob:
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         about, error = 1 / sizes[0], errors[0] / sizes[0] ** 2
         unit = "N/m" if sliding else "N·m/rad"
-        return f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} {unit}", ""
+        return (
+            f"'{place.name}' gives way: its stiffness is about {about:.3g} ± {error:.1g} {unit}",
+            "",
+        )
 
     return Knob(1e-6, 1, moved, says)
 
@@ -160,7 +202,10 @@ def _play(place: Place, sliding: bool) -> Knob:
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
         unit = "m" if sliding else "rad"
-        return f"the gear of '{place.name}' has a play of {2 * sizes[0]:.2g} ± {2 * errors[0]:.1g} {unit}", ""
+        return (
+            f"the gear of '{place.name}' has a play of {2 * sizes[0]:.2g} ± {2 * errors[0]:.1g} {unit}",
+            "",
+        )
 
     return Knob(1e-4, 1, moved, says, by_measured_load=True)
 
@@ -172,10 +217,19 @@ def _side(states: States, load: Floats) -> Floats:
 
 
 def _shifted(
-    states: States, q: int, v: int, position: Floats, rate: Floats | float, acceleration: Floats | float
+    states: States,
+    q: int,
+    v: int,
+    position: Floats,
+    rate: Floats | float,
+    acceleration: Floats | float,
 ) -> States:
     """States whose encoder is ahead of the joint by some position, with its rate and acceleration."""
-    positions, velocities, accelerations = states.q.copy(), states.qd.copy(), states.qdd.copy()
+    positions, velocities, accelerations = (
+        states.q.copy(),
+        states.qd.copy(),
+        states.qdd.copy(),
+    )
     positions[:, q] -= position
     velocities[:, v] -= rate
     accelerations[:, v] -= acceleration

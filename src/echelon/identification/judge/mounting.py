@@ -30,7 +30,9 @@ def free_gravity(base: BaseModel, seed: int) -> tuple[BaseModel, Floats | None]:
     taken = set(mechanism.symbols) & set(GRAVITY)
     if stated is None or taken or not _is_fixed(mechanism):
         return base, None
-    return base_parameters(replace(mechanism, gravity=gravity_vector("generic")), seed=seed), stated
+    return base_parameters(
+        replace(mechanism, gravity=gravity_vector("generic")), seed=seed
+    ), stated
 
 
 def stated_gravity(mechanism: Mechanism) -> Floats | None:
@@ -38,16 +40,23 @@ def stated_gravity(mechanism: Mechanism) -> Floats | None:
     if mechanism.gravity is None:
         return None
     known = known_values(mechanism)
-    if any(not known.keys() >= set(component.symbols()) for component in mechanism.gravity):
+    if any(
+        not known.keys() >= set(component.symbols()) for component in mechanism.gravity
+    ):
         return None
-    found = np.array([component.at(known) for component in mechanism.gravity], dtype=float)
+    found = np.array(
+        [component.at(known) for component in mechanism.gravity], dtype=float
+    )
     return found if np.any(found) else None
 
 
 def is_unknown(mechanism: Mechanism) -> bool:
     """Whether gravity has symbols without values, so that its direction is to be found."""
     known = known_values(mechanism)
-    return any(not known.keys() >= set(component.symbols()) for component in mechanism.gravity or ())
+    return any(
+        not known.keys() >= set(component.symbols())
+        for component in mechanism.gravity or ()
+    )
 
 
 def standing(mechanism: Mechanism) -> Mechanism:
@@ -80,4 +89,6 @@ def with_gravity(mechanism: Mechanism, gravity: Floats) -> Mechanism:
     reading = mechanism.reading
     if reading is None:
         return changed
-    return changed.as_read(replace(reading, options=replace(reading.options, gravity=stated)))
+    return changed.as_read(
+        replace(reading, options=replace(reading.options, gravity=stated))
+    )

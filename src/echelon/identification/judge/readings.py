@@ -34,7 +34,9 @@ class Readings:
     base: BaseModel
     rows: States
     columns: ColumnMap
-    velocities: bool  # whether velocities were measured, not differentiated from positions
+    velocities: (
+        bool  # whether velocities were measured, not differentiated from positions
+    )
 
     @property
     def outputs(self) -> list[str]:
@@ -60,7 +62,9 @@ class Readings:
         stated = self.columns.rate
         words = f", {stated * rate:.4g} Hz in place of {stated:g} Hz" if stated else ""
         text = f"the clock is wrong: the rate is about {rate:.3g} times that{words}"
-        return Reading(text, partial(self._changed, _Change(text, rate=rate)), Usual.RARELY, rate)
+        return Reading(
+            text, partial(self._changed, _Change(text, rate=rate)), Usual.RARELY, rate
+        )
 
     def _of_gravity(self) -> Iterator[Reading]:
         gravity = self.rows.gravity
@@ -72,7 +76,9 @@ class Readings:
                 found = sign * size * np.array(axis)
                 if not np.allclose(found, gravity):
                     line = ", ".join(f"{g:g}" for g in found)
-                    text = f"gravity is along {word}{name} of the base (gravity: [{line}])"
+                    text = (
+                        f"gravity is along {word}{name} of the base (gravity: [{line}])"
+                    )
                     yield Reading(text, partial(_with_gravity, found), gravity=found)
         text = "the outputs are without the weight, as torques are that a controller compensates (gravity: none)"
         yield Reading(text, partial(_with_gravity, np.zeros(3)), gravity=np.zeros(3))
@@ -80,18 +86,31 @@ class Readings:
     def _of_couplings(self) -> Iterator[Reading]:
         """Columns of drives that move two joints."""
         names = self.names
-        if self.base.mechanism.actuators or set(names) != set(self.outputs) or len(names) != len(self.outputs):
+        if (
+            self.base.mechanism.actuators
+            or set(names) != set(self.outputs)
+            or len(names) != len(self.outputs)
+        ):
             return
-        turns = [name for name, slides in zip(names, self._slides, strict=True) if not slides]
+        turns = [
+            name for name, slides in zip(names, self._slides, strict=True) if not slides
+        ]
         near = self._near()
-        for one, other in (pair for pair in permutations(turns, 2) if frozenset(pair) in near):
+        for one, other in (
+            pair for pair in permutations(turns, 2) if frozenset(pair) in near
+        ):
             for sign, word in ((1.0, "+"), (-1.0, "-")):
                 matrix = np.eye(len(names))  # of drives by joints
                 matrix[names.index(one), names.index(other)] = sign
                 order = [names.index(name) for name in self.outputs]
                 forces = matrix.T[np.ix_(order, order)]
                 text = f"the drive of '{one}' turns by {one} {word} {other}: state its drives under 'actuators'"
-                change = _Change(text, positions=np.asarray(np.linalg.inv(matrix)), outputs=forces, couples=True)
+                change = _Change(
+                    text,
+                    positions=np.asarray(np.linalg.inv(matrix)),
+                    outputs=forces,
+                    couples=True,
+                )
                 yield Reading(text, partial(self._changed, change), Usual.OFTEN)
 
     def _near(self) -> set[frozenset[str]]:
@@ -112,8 +131,13 @@ class Readings:
             yield from self._of_velocities()
 
     def _of_outputs(self) -> Iterator[_Change]:
-        m, label = len(self.outputs), self._named("output", self.outputs, self.columns.outputs)
-        yield from _flips("outputs", label, lambda text, matrix: _Change(text, outputs=matrix))
+        m, label = (
+            len(self.outputs),
+            self._named("output", self.outputs, self.columns.outputs),
+        )
+        yield from _flips(
+            "outputs", label, lambda text, matrix: _Change(text, outputs=matrix)
+        )
         for i in range(m):
             for factor, prefix in ((1e-3, "m"), (1e3, "k")):
                 text = f"{label[i]} is in {prefix}{self.base.mechanism.outputs[i].unit}"
@@ -130,22 +154,46 @@ class Readings:
         for i in range(n):
             if self._slides[i]:
                 yield _Change(f"{label[i]} is in mm (unit: mm)", _scaled(n, i, 1e-3))
-                yield _Change(f"{label[i]} is in m, not in mm (unit: m)", _scaled(n, i, 1e3))
+                yield _Change(
+                    f"{label[i]} is in m, not in mm (unit: m)", _scaled(n, i, 1e3)
+                )
                 continue
-            yield _Change(f"{label[i]} is in degrees (unit: deg)", _scaled(n, i, radians(1)))
-            yield _Change(f"{label[i]} is in rad, not in degrees (unit: rad)", _scaled(n, i, degrees(1)))
+            yield _Change(
+                f"{label[i]} is in degrees (unit: deg)", _scaled(n, i, radians(1))
+            )
+            yield _Change(
+                f"{label[i]} is in rad, not in degrees (unit: rad)",
+                _scaled(n, i, degrees(1)),
+            )
             for shift, words in ((pi / 2, "pi/2"), (-pi / 2, "-pi/2"), (pi, "pi")):
-                yield _Change(f"zero of {label[i]} is not the robot's (offset: {words})", shift=shift * np.eye(n)[i])
-        for factor, words in ((radians(1), "degrees (unit: deg)"), (degrees(1), "rad, not in degrees (unit: rad)")):
+                yield _Change(
+                    f"zero of {label[i]} is not the robot's (offset: {words})",
+                    shift=shift * np.eye(n)[i],
+                )
+        for factor, words in (
+            (radians(1), "degrees (unit: deg)"),
+            (degrees(1), "rad, not in degrees (unit: rad)"),
+        ):
             if not all(self._slides):
-                yield _Change(f"all positions are in {words}", np.diag(np.where(self._slides, 1.0, factor)))
+                yield _Change(
+                    f"all positions are in {words}",
+                    np.diag(np.where(self._slides, 1.0, factor)),
+                )
         yield from self._of_gears()
 
     def _of_velocities(self) -> Iterator[_Change]:
-        label, n = self._named("velocity", self._keys, self.columns.velocities), len(self._keys)
-        yield from _flips("velocities", label, lambda text, matrix: _Change(text, velocities=matrix))
+        label, n = (
+            self._named("velocity", self._keys, self.columns.velocities),
+            len(self._keys),
+        )
+        yield from _flips(
+            "velocities", label, lambda text, matrix: _Change(text, velocities=matrix)
+        )
         for i in range(n):
-            yield _Change(f"{label[i]} is in degrees (unit: deg/s)", velocities=_scaled(n, i, radians(1)))
+            yield _Change(
+                f"{label[i]} is in degrees (unit: deg/s)",
+                velocities=_scaled(n, i, radians(1)),
+            )
 
     def _of_gears(self) -> Iterator[_Change]:
         """Positions or outputs that are on the other side of the gears."""
@@ -159,24 +207,35 @@ class Readings:
         ahead = "the motors' side of the gears, not on the joints'"
         P = np.linalg.inv(self._channels)
         for i, j in zip(*np.nonzero(ratios), strict=True):
-            yield from self._of_gear(i, self.names[j], abs(float(ratios[i, j])), (ahead, behind))
+            yield from self._of_gear(
+                i, self.names[j], abs(float(ratios[i, j])), (ahead, behind)
+            )
         for matrix, side in ((np.linalg.inv(ratios), ahead), (ratios, behind)):
             yield _Change(f"positions are on {side}", self._channels @ matrix @ P)
             if len(self.outputs) == len(ratios):
                 forces = np.linalg.inv(matrix).T
                 yield _Change(f"outputs are on {side}", outputs=forces)
 
-    def _of_gear(self, drive: int, joint: str, ratio: float, sides: tuple[str, str]) -> Iterator[_Change]:
+    def _of_gear(
+        self, drive: int, joint: str, ratio: float, sides: tuple[str, str]
+    ) -> Iterator[_Change]:
         """One column on the other side of one gear."""
         names = (self.base.mechanism.actuators[drive].name, joint)
         for name in names:
             for factor, side in ((1 / ratio, sides[0]), (ratio, sides[1])):
                 if name in self.outputs:
                     text = f"the output of '{name}' is on {side}"
-                    yield _Change(text, outputs=_scaled(len(self.outputs), self.outputs.index(name), 1 / factor))
+                    yield _Change(
+                        text,
+                        outputs=_scaled(
+                            len(self.outputs), self.outputs.index(name), 1 / factor
+                        ),
+                    )
                 if name in self._keys:
                     text = f"the position of '{name}' is on {side}"
-                    yield _Change(text, _scaled(len(self._keys), self._keys.index(name), factor))
+                    yield _Change(
+                        text, _scaled(len(self._keys), self._keys.index(name), factor)
+                    )
 
     # -- columns -------------------------------------------------------------------------------------------------
 
@@ -190,7 +249,9 @@ class Readings:
     def _coordinates(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Names of the columns of positions and of velocities."""
         mechanism, rows = self.base.mechanism, self.rows
-        return signal_names(mechanism, "q", rows.q.shape[1]), signal_names(mechanism, "qd", rows.qd.shape[1])
+        return signal_names(mechanism, "q", rows.q.shape[1]), signal_names(
+            mechanism, "qd", rows.qd.shape[1]
+        )
 
     @cached_property
     def _position_labels(self) -> list[str]:
@@ -206,7 +267,10 @@ class Readings:
     def _slides(self) -> list[bool]:
         """Whether columns of positions are lengths."""
         motions = [motion_of(self.base.mechanism, key) for key in self._keys]
-        return [motion is not None and motion.kind is MotionKind.TRANSLATION for motion in motions]
+        return [
+            motion is not None and motion.kind is MotionKind.TRANSLATION
+            for motion in motions
+        ]
 
     @cached_property
     def _channels(self) -> Floats:
@@ -224,32 +288,53 @@ class Readings:
                 row[[self.names.index(name) for name in driven]] = T[drives.index(key)]
         return found
 
-    def _named(self, kind: str, names: Sequence[str], stated: Mapping[str, Channel]) -> list[str]:
+    def _named(
+        self, kind: str, names: Sequence[str], stated: Mapping[str, Channel]
+    ) -> list[str]:
         return [
-            f"the {kind} of '{name}'" + (f" (column '{stated[name].column}')" if name in stated else "")
+            f"the {kind} of '{name}'"
+            + (f" (column '{stated[name].column}')" if name in stated else "")
             for name in names
         ]
 
     def _changed(self, change: _Change, rows: States) -> States:
         """States as a change reads them."""
         if change.couples:
-            rows = replace(rows, drives=(rows.q, rows.qd, rows.qdd), shared=change.outputs)
+            rows = replace(
+                rows, drives=(rows.q, rows.qd, rows.qdd), shared=change.outputs
+            )
         if change.outputs is not None:
             rows = replace(rows, y=rows.y @ change.outputs.T)
-        if change.rate != 1.0:  # velocities that were measured do not depend on the clock
+        if (
+            change.rate != 1.0
+        ):  # velocities that were measured do not depend on the clock
             faster = 1.0 if self.velocities else change.rate
-            rows = replace(rows, qd=rows.qd * faster, qdd=rows.qdd * faster * change.rate)
+            rows = replace(
+                rows, qd=rows.qd * faster, qdd=rows.qdd * faster * change.rate
+            )
         if change.velocities is not None:
-            return self._turned(rows, self._channels.T @ change.velocities.T @ np.linalg.inv(self._channels).T)
+            return self._turned(
+                rows,
+                self._channels.T
+                @ change.velocities.T
+                @ np.linalg.inv(self._channels).T,
+            )
         if change.positions is None and change.shift is None:
             return rows
         P, stated = self._channels, self.columns.positions
-        offset = np.array([stated[key].offset if key in stated else 0.0 for key in self._keys])
+        offset = np.array(
+            [stated[key].offset if key in stated else 0.0 for key in self._keys]
+        )
         matrix = np.eye(len(P)) if change.positions is None else change.positions
         shift = np.zeros(len(P)) if change.shift is None else change.shift
         back = np.linalg.inv(P).T
-        places, q = [self._coordinates[0].index(name) for name in self.names], rows.q.copy()
-        q[:, places] = ((q[:, places] @ P.T - offset) @ matrix.T + offset + shift) @ back
+        places, q = (
+            [self._coordinates[0].index(name) for name in self.names],
+            rows.q.copy(),
+        )
+        q[:, places] = (
+            (q[:, places] @ P.T - offset) @ matrix.T + offset + shift
+        ) @ back
         rows = replace(rows, q=q)
         return rows if self.velocities else self._turned(rows, P.T @ matrix.T @ back)
 
@@ -266,12 +351,16 @@ class _Change:
     """A linear change of what the columns of positions and of outputs say."""
 
     text: str
-    positions: Floats | None = None  # shape (n, n): of position columns, without their offsets
+    positions: Floats | None = (
+        None  # shape (n, n): of position columns, without their offsets
+    )
     velocities: Floats | None = None  # shape (n, n): of measured velocities alone
     shift: Floats | None = None  # shape (n,): added to them
     outputs: Floats | None = None  # shape (m, m)
     rate: float = 1.0  # times the rate that was taken
-    couples: bool = False  # whether columns are of drives, at which effects such as friction act
+    couples: bool = (
+        False  # whether columns are of drives, at which effects such as friction act
+    )
     usual: Usual = Usual.EVERYWHERE
 
 
@@ -279,14 +368,22 @@ def _with_gravity(gravity: Floats, states: States) -> States:
     return replace(states, gravity=gravity)
 
 
-def _flips(kind: str, label: Sequence[str], change: Callable[[str, Floats], _Change]) -> Iterator[_Change]:
+def _flips(
+    kind: str, label: Sequence[str], change: Callable[[str, Floats], _Change]
+) -> Iterator[_Change]:
     """Wrong signs and exchanges of columns."""
     for i, name in enumerate(label):
-        yield change(f"the sign of {name} is wrong (scale: -1)", _scaled(len(label), i, -1.0))
+        yield change(
+            f"the sign of {name} is wrong (scale: -1)", _scaled(len(label), i, -1.0)
+        )
     if len(label) > 1:
-        yield change(f"the signs of all {kind} are wrong (scale: -1)", -np.eye(len(label)))
+        yield change(
+            f"the signs of all {kind} are wrong (scale: -1)", -np.eye(len(label))
+        )
     for i, j in combinations(range(len(label)), 2):
-        yield change(f"{label[i]} and {label[j]} are exchanged", _exchanged(len(label), i, j))
+        yield change(
+            f"{label[i]} and {label[j]} are exchanged", _exchanged(len(label), i, j)
+        )
 
 
 def _scaled(size: int, place: int, factor: float) -> Floats:

@@ -9,7 +9,13 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
-from echelon.identification.judge.evidence import BLOCKS, Evidence, States, WeightedFit, fitted
+from echelon.identification.judge.evidence import (
+    BLOCKS,
+    Evidence,
+    States,
+    WeightedFit,
+    fitted,
+)
 from echelon.identification.judge.hypothesis import Knob
 from echelon.identification.judge.knobs import load_of, slopes
 
@@ -44,7 +50,9 @@ def read_with(start: States, turned: Sequence[Turned]) -> States:
     return start
 
 
-def settled(base: BaseModel, start: States, turned: Sequence[Turned], fit: FitWith) -> tuple[tuple[Turned, ...], float]:
+def settled(
+    base: BaseModel, start: States, turned: Sequence[Turned], fit: FitWith
+) -> tuple[tuple[Turned, ...], float]:
     """Knobs with the sizes that leave least, by Gauss–Newton steps from those that are given, and what is left."""
     turned = tuple(turned)
     left, found = fit(read_with(start, turned), ())
@@ -57,13 +65,20 @@ def settled(base: BaseModel, start: States, turned: Sequence[Turned], fit: FitWi
         sizes = np.abs(np.concatenate([some.sizes for some in turned]))
         before = left
         turned, left, found = _stepped(start, turned, changes, errors, left, fit)
-        if left >= before or (np.abs(changes) < _STANDS * np.maximum(errors, sizes)).all():
+        if (
+            left >= before
+            or (np.abs(changes) < _STANDS * np.maximum(errors, sizes)).all()
+        ):
             break
     return turned, left
 
 
 def jackknifed(
-    base: BaseModel, start: States, turned: Sequence[Turned], evidence: Evidence, terms: Sequence[Mapping[int, Floats]]
+    base: BaseModel,
+    start: States,
+    turned: Sequence[Turned],
+    evidence: Evidence,
+    terms: Sequence[Mapping[int, Floats]],
 ) -> tuple[Turned, ...]:
     """Knobs with standard errors from leaving out one block of time after another: residuals resemble their neighbours.
 
@@ -74,14 +89,25 @@ def jackknifed(
     columns = [_slopes(base, start, values, turned, k) for k in range(len(turned))]
     products = evidence.products(states, [*terms, *columns])
     count = sum(some.knob.count for some in turned)
-    others = [[other for other in range(BLOCKS) if other != block] for block in range(BLOCKS)]
-    found = np.array([fitted(products.together(some)).values[-count:] for some in others])
-    errors = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((found - found.mean(axis=0)) ** 2, axis=0))
+    others = [
+        [other for other in range(BLOCKS) if other != block] for block in range(BLOCKS)
+    ]
+    found = np.array(
+        [fitted(products.together(some)).values[-count:] for some in others]
+    )
+    errors = np.sqrt(
+        (BLOCKS - 1) / BLOCKS * np.sum((found - found.mean(axis=0)) ** 2, axis=0)
+    )
     ends = np.cumsum([some.knob.count for some in turned])[:-1]
-    return tuple(replace(some, errors=mine) for some, mine in zip(turned, np.split(errors, ends), strict=True))
+    return tuple(
+        replace(some, errors=mine)
+        for some, mine in zip(turned, np.split(errors, ends), strict=True)
+    )
 
 
-def settled_with_loads(base: BaseModel, start: States, turned: Sequence[Turned], fit: FitWith) -> tuple[Turned, ...]:
+def settled_with_loads(
+    base: BaseModel, start: States, turned: Sequence[Turned], fit: FitWith
+) -> tuple[Turned, ...]:
     """Knobs with the sizes that leave least, and with loads of gears as the model that is fitted has them.
 
     While knobs are still to be found loads had better stay: those of a model that lacks one bend to what it lacks.
@@ -92,7 +118,10 @@ def settled_with_loads(base: BaseModel, start: States, turned: Sequence[Turned],
         states = read_with(start, tried)
         _, found = fit(states, ())
         values = found.values[: base.rank]
-        newer = [replace(some, load=load_of(base, states, values, some.knob)) for some in tried]
+        newer = [
+            replace(some, load=load_of(base, states, values, some.knob))
+            for some in tried
+        ]
         tried, left = settled(base, start, newer, fit)
         stands = abs(left - least) < _STANDS
         if left < least:
@@ -102,25 +131,37 @@ def settled_with_loads(base: BaseModel, start: States, turned: Sequence[Turned],
     return best
 
 
-def _slopes(base: BaseModel, start: States, values: Floats, turned: Sequence[Turned], k: int) -> dict[int, Floats]:
+def _slopes(
+    base: BaseModel, start: States, values: Floats, turned: Sequence[Turned], k: int
+) -> dict[int, Floats]:
     """What the prediction changes by the sizes of one of the knobs, the others as they are."""
     some, ahead = turned[k], read_with(start, turned[:k])
 
     def moved(states: States, sizes: Floats, load: Floats) -> States:
         return read_with(some.knob.moved(states, sizes, load), turned[k + 1 :])
 
-    return slopes(base, ahead, values, replace(some.knob, moved=moved), some.sizes, some.load)
+    return slopes(
+        base, ahead, values, replace(some.knob, moved=moved), some.sizes, some.load
+    )
 
 
 def _stepped(
-    start: States, turned: tuple[Turned, ...], changes: Floats, errors: Floats, left: float, fit: FitWith
+    start: States,
+    turned: tuple[Turned, ...],
+    changes: Floats,
+    errors: Floats,
+    left: float,
+    fit: FitWith,
 ) -> tuple[tuple[Turned, ...], float, WeightedFit]:
     """Knobs after a step that is halved until no more is left than before it, what is left then, and the fit."""
     ends = np.cumsum([some.knob.count for some in turned])[:-1]
-    own = list(zip(turned, np.split(changes, ends), np.split(errors, ends), strict=True))
+    own = list(
+        zip(turned, np.split(changes, ends), np.split(errors, ends), strict=True)
+    )
     for halvings in range(_HALVINGS):
         tried = tuple(
-            replace(some, sizes=some.sizes + change / 2**halvings, errors=error) for some, change, error in own
+            replace(some, sizes=some.sizes + change / 2**halvings, errors=error)
+            for some, change, error in own
         )
         after, found = fit(read_with(start, tried), ())
         if after <= left:

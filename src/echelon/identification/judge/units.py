@@ -16,25 +16,47 @@ from echelon.observe.observation import Observation
 _FOREIGN = 50.0
 """Ratio of an output to what the prior predicts that no robot explains: below that of units, above errors of priors."""
 _ALIKE = 0.5  # cosine from which on outputs and what the prior predicts have something to do with one another
-_NEAR_UNIT, _NEAR_PRIOR = 4.0, 20.0  # factors within which a ratio is that of a unit, and the prior's own
+_NEAR_UNIT, _NEAR_PRIOR = (
+    4.0,
+    20.0,
+)  # factors within which a ratio is that of a unit, and the prior's own
 
 
-def common_unit(base: BaseModel, observation: Observation, prior: Floats) -> Judged | None:
+def common_unit(
+    base: BaseModel, observation: Observation, prior: Floats
+) -> Judged | None:
     """A wrong unit of all outputs, or of one of them, by the base parameters of a prior."""
     ratios, layout = {}, observation.layout
-    for name, R, columns in zip(layout.outputs, observation.factors, layout.columns, strict=True):
+    for name, R, columns in zip(
+        layout.outputs, observation.factors, layout.columns, strict=True
+    ):
         measured, guess = R[:, -1], R[:, :-1] @ prior[list(columns)]
         sizes = float(np.linalg.norm(measured)), float(np.linalg.norm(guess))
         if min(sizes) > 0 and measured @ guess > _ALIKE * sizes[0] * sizes[1]:
             ratios[name] = sizes[0] / sizes[1]
     units = {output.name: output.unit for output in base.mechanism.outputs}
     for factor, prefix in ((1e3, "m"), (1e-3, "k")):
-        off = [name for name, ratio in ratios.items() if abs(log(ratio / factor)) < log(_NEAR_UNIT)]
-        usual = [name for name, ratio in ratios.items() if abs(log(ratio)) < log(_NEAR_PRIOR)]
-        if off and (2 * len(off) > len(ratios) or len(off) == 1 == len(layout.outputs) - len(usual)):
+        off = [
+            name
+            for name, ratio in ratios.items()
+            if abs(log(ratio / factor)) < log(_NEAR_UNIT)
+        ]
+        usual = [
+            name for name, ratio in ratios.items() if abs(log(ratio)) < log(_NEAR_PRIOR)
+        ]
+        if off and (
+            2 * len(off) > len(ratios)
+            or len(off) == 1 == len(layout.outputs) - len(usual)
+        ):
             ratio = float(np.median([ratios[name] for name in off]))
-            which = "all outputs are" if 2 * len(off) > len(ratios) else f"the output of '{off[0]}' is"
-            said = " or ".join(f"{prefix}{unit}" for unit in dict.fromkeys(units[name] for name in off))
+            which = (
+                "all outputs are"
+                if 2 * len(off) > len(ratios)
+                else f"the output of '{off[0]}' is"
+            )
+            said = " or ".join(
+                f"{prefix}{unit}" for unit in dict.fromkeys(units[name] for name in off)
+            )
             text = f"{which} in {said} (unit: {said.split(' or ')[0]}), {ratio:.3g} times what the prior model predicts"
             return _judged(text, ratio, ratio / factor)
     foreign = [ratio for ratio in ratios.values() if abs(log(ratio)) > log(_FOREIGN)]
@@ -48,5 +70,11 @@ def common_unit(base: BaseModel, observation: Observation, prior: Floats) -> Jud
 def _judged(text: str, ratio: float, left: float) -> Judged:
     before, after = abs(log(ratio)), abs(log(left))
     return Judged(
-        Kind.UNIT, text, "", Usual.EVERYWHERE, Gain(before - after, 0.0), before=(exp(before),), after=(exp(after),)
+        Kind.UNIT,
+        text,
+        "",
+        Usual.EVERYWHERE,
+        Gain(before - after, 0.0),
+        before=(exp(before),),
+        after=(exp(after),),
     )

@@ -34,7 +34,9 @@ class Bounds:
     """Bounds of a robot's standard parameters."""
 
     bodies: Mapping[str, BodyBoundsEntry] = field(default_factory=dict)  # by body name
-    parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # by parameter name, SI units
+    parameters: Mapping[str, tuple[float, float]] = field(
+        default_factory=dict
+    )  # by parameter name, SI units
     total_mass: tuple[float, float] | None = None  # of all bodies, kg
 
     def check(self, mechanism: Mechanism) -> None:
@@ -43,19 +45,34 @@ class Bounds:
         for name, body in self.bodies.items():
             where = f"bounds of body '{name}'"
             if name not in carried:
-                raise InputError(f"there is no such body{nearest_of(name, carried)}", element=where)
-            if (body.box or body.ellipsoid or body.extent or body.symmetry) and len(carried[name]) < 10:
-                raise InputError("it does not carry all ten parameters, so it has no centre of mass", element=where)
+                raise InputError(
+                    f"there is no such body{nearest_of(name, carried)}", element=where
+                )
+            if (body.box or body.ellipsoid or body.extent or body.symmetry) and len(
+                carried[name]
+            ) < 10:
+                raise InputError(
+                    "it does not carry all ten parameters, so it has no centre of mass",
+                    element=where,
+                )
             if body.mass and 9 not in carried[name]:
                 raise InputError("its mass is not among its parameters", element=where)
         for name in self.parameters:
             if name not in mechanism.parameters:
                 raise InputError(
-                    f"there is no such parameter{nearest_of(name, mechanism.parameters)}", element=f"bounds of '{name}'"
+                    f"there is no such parameter{nearest_of(name, mechanism.parameters)}",
+                    element=f"bounds of '{name}'",
                 )
 
 
-_SIGNED_KINDS = ("viscous", "asymmetric_viscous", "coulomb", "asymmetric_coulomb", "load_friction", "rotor_inertia")
+_SIGNED_KINDS = (
+    "viscous",
+    "asymmetric_viscous",
+    "coulomb",
+    "asymmetric_coulomb",
+    "load_friction",
+    "rotor_inertia",
+)
 _DIAGONAL = (0, 3, 5, 9)  # XX, YY, ZZ and M, which cannot be negative by themselves
 
 # parameters (of XX … M) that vanish, and pairs that are equal, for each plane and axis of symmetry
@@ -75,9 +92,15 @@ class Roles:
     """What every standard parameter of a mechanism must satisfy."""
 
     mechanism: Mechanism
-    bodies: tuple[tuple[str, int], ...]  # bodies with a pseudo-inertia: name and the column of XX
-    positive: tuple[int, ...]  # columns of parameters that are not negative by themselves
-    free: tuple[int, ...]  # columns of parameters of any sign outside the pseudo-inertias
+    bodies: tuple[
+        tuple[str, int], ...
+    ]  # bodies with a pseudo-inertia: name and the column of XX
+    positive: tuple[
+        int, ...
+    ]  # columns of parameters that are not negative by themselves
+    free: tuple[
+        int, ...
+    ]  # columns of parameters of any sign outside the pseudo-inertias
 
     @cached_property
     def starts(self) -> tuple[int, ...]:
@@ -110,14 +133,20 @@ def roles(mechanism: Mechanism) -> Roles:
     for column, parameter in enumerate(mechanism.columns):
         if column in full:
             continue
-        signed = _is_signed(effects[parameter.name]) if parameter.body is None else parameter.kind in _DIAGONAL
+        signed = (
+            _is_signed(effects[parameter.name])
+            if parameter.body is None
+            else parameter.kind in _DIAGONAL
+        )
         (positive if signed else free).append(column)
     return Roles(mechanism, bodies, tuple(positive), tuple(free))
 
 
 def _is_signed(effect: Effect) -> bool:
     """Whether an effect is friction, inertia or stiffness, none of which is negative."""
-    terms = {entry.term for kind in _SIGNED_KINDS for entry in KINDS[kind]} | {KINDS["spring"][0].term}
+    terms = {entry.term for kind in _SIGNED_KINDS for entry in KINDS[kind]} | {
+        KINDS["spring"][0].term
+    }
     return bool(effect.actions) and {action.term for action in effect.actions} <= terms
 
 
@@ -141,7 +170,10 @@ def linear_limits(role: Roles, bounds: Bounds) -> LinearLimits:
             rows.between({column: 1.0}, (0.0, np.inf), name)
     for name, limits in bounds.parameters.items():
         rows.between({role.mechanism.parameters.index(name): 1.0}, limits, name)
-    column_of = {role.mechanism.bodies[body].name: first for body, first in role.mechanism.first_column.items()}
+    column_of = {
+        role.mechanism.bodies[body].name: first
+        for body, first in role.mechanism.first_column.items()
+    }
     for name, body in bounds.bodies.items():
         carried = next(b.carried for b in role.mechanism.bodies if b.name == name)
         _body_rows(rows, name, body, column_of[name], carried)
@@ -152,12 +184,16 @@ def linear_limits(role: Roles, bounds: Bounds) -> LinearLimits:
             if parameter.kind == 9 and parameter.body is not None
         }
         if not masses:
-            raise InputError("no parameter is a mass, so the total mass cannot be bounded")
+            raise InputError(
+                "no parameter is a mass, so the total mass cannot be bounded"
+            )
         rows.between(masses, bounds.total_mass, "total mass")
     return rows.limits()
 
 
-def _body_rows(rows: _Rows, name: str, body: BodyBoundsEntry, start: int, carried: tuple[int, ...]) -> None:
+def _body_rows(
+    rows: _Rows, name: str, body: BodyBoundsEntry, start: int, carried: tuple[int, ...]
+) -> None:
     if body.mass is not None:
         rows.between({start + carried.index(9): 1.0}, body.mass, f"mass of {name}")
     for k in range(3):
@@ -174,7 +210,10 @@ def _body_rows(rows: _Rows, name: str, body: BodyBoundsEntry, start: int, carrie
         cone = np.zeros((4, rows.size))
         cone[0, start + 9] = 1.0
         for k in range(3):
-            cone[1 + k, start + 6 + k], cone[1 + k, start + 9] = 1 / axes[k], -centre[k] / axes[k]
+            cone[1 + k, start + 6 + k], cone[1 + k, start + 9] = (
+                1 / axes[k],
+                -centre[k] / axes[k],
+            )
         rows.cones.append(cone)
     if body.extent is not None:
         rows.least(_inside(body.extent, start), 0.0, f"extent of {name}")
@@ -187,14 +226,18 @@ def _body_rows(rows: _Rows, name: str, body: BodyBoundsEntry, start: int, carrie
             rows.equal({start + first: 1.0, start + second: -1.0})
 
 
-def _inside(extent: tuple[tuple[float, ...], tuple[float, ...]], start: int) -> dict[int, float]:
+def _inside(
+    extent: tuple[tuple[float, ...], tuple[float, ...]], start: int
+) -> dict[int, float]:
     """∫ 1 − Σ ((x − c)/a)² dm, not negative for mass in an ellipsoid (Wensing, Kim & Slotine 2018), as a row."""
     terms = dict.fromkeys(range(start, start + PER_BODY), 0.0)
     terms[start + 9] = 1.0
     for k, (centre, axis) in enumerate(zip(*extent, strict=True)):
         terms[start + 9] -= (centre / axis) ** 2
         terms[start + 6 + k] += 2 * centre / axis**2
-        for moment, place in enumerate((0, 3, 5)):  # ∫ x² dm = ½ (−XX + YY + ZZ), and so on
+        for moment, place in enumerate(
+            (0, 3, 5)
+        ):  # ∫ x² dm = ½ (−XX + YY + ZZ), and so on
             terms[start + place] -= (0.5 if moment != k else -0.5) / axis**2
     return terms
 
@@ -216,7 +259,9 @@ class _Rows:
         self._least.append(self._row(terms, constant))
         self._names.append(name)
 
-    def between(self, terms: dict[int, float], limits: tuple[float, float], name: str) -> None:
+    def between(
+        self, terms: dict[int, float], limits: tuple[float, float], name: str
+    ) -> None:
         low, high = limits
         if low == high:
             self.equal(terms, -low)
@@ -228,9 +273,12 @@ class _Rows:
 
     def limits(self) -> LinearLimits:
         equal, least = (
-            np.array(rows, dtype=float).reshape(len(rows), self.size + 1) for rows in (self._equal, self._least)
+            np.array(rows, dtype=float).reshape(len(rows), self.size + 1)
+            for rows in (self._equal, self._least)
         )
-        return LinearLimits(_independent(equal), least, tuple(self.cones), tuple(self._names))
+        return LinearLimits(
+            _independent(equal), least, tuple(self.cones), tuple(self._names)
+        )
 
     def _row(self, terms: dict[int, float], constant: float) -> Floats:
         row = np.zeros(self.size + 1)

@@ -41,8 +41,12 @@ class Feasibility:
 
     feasible: bool | None  # None on the boundary of what robots can have
     evidence: str  # what was found, in a sentence
-    standard: Floats | None = None  # shape (p,); if feasible: standard parameters of a physical robot that has them
-    nearest: Floats | None = None  # shape (r,); if not: base parameters of the nearest physical robot
+    standard: Floats | None = (
+        None  # shape (p,); if feasible: standard parameters of a physical robot that has them
+    )
+    nearest: Floats | None = (
+        None  # shape (r,); if not: base parameters of the nearest physical robot
+    )
     distance: float = 0.0  # of the nearest ones, in standard deviations of the estimate (Mahalanobis); 0 if feasible
 
     def __repr__(self) -> str:
@@ -50,7 +54,11 @@ class Feasibility:
 
 
 _WEIGHT = 1e-6  # of the divergence that makes the nearest robot unique, in squared standard deviations
-_UNITS = (1.0, 10.0, 100.0)  # standard deviations that count as one, because solvers fail where thousands are needed
+_UNITS = (
+    1.0,
+    10.0,
+    100.0,
+)  # standard deviations that count as one, because solvers fail where thousands are needed
 
 
 def physical_lift(base: BaseModel, values: npt.ArrayLike) -> Floats | None:
@@ -62,7 +70,9 @@ def physical_lift(base: BaseModel, values: npt.ArrayLike) -> Floats | None:
     B, target = base.B_float(), checked_values(base, values)
     sizes = sizes_of(base, target)
     programme = Programme.of(base, B / sizes[:, None], target / sizes)
-    standard, found = programme.fit(B, target, np.ones(len(programme.role.bodies)), 1.0, exact=True)
+    standard, found = programme.fit(
+        B, target, np.ones(len(programme.role.bodies)), 1.0, exact=True
+    )
     if found.status != SOLVED:
         return None
     standard, _ = put_inside(programme, on_pivots(base, B, target, standard))
@@ -97,7 +107,9 @@ def _nearest(base: BaseModel, B: Floats, target: Floats, root: Floats) -> Floats
     weights = np.full(len(programme.role.bodies), _WEIGHT)
     standard, found = programme.fit(root @ B, root @ target, weights, _WEIGHT)
     if found.status != SOLVED:
-        raise EchelonError(f"the solver found no nearest physical robot: {found.message}")
+        raise EchelonError(
+            f"the solver found no nearest physical robot: {found.message}"
+        )
     return put_inside(programme, standard)[0]
 
 
@@ -105,7 +117,9 @@ def checked_values(base: BaseModel, values: npt.ArrayLike) -> Floats:
     """Base parameters as an array of shape (r,)."""
     target = np.asarray(values, dtype=float)
     if target.shape != (base.rank,):
-        raise InputError(f"expected {base.rank} base parameters, got an array of shape {target.shape}")
+        raise InputError(
+            f"expected {base.rank} base parameters, got an array of shape {target.shape}"
+        )
     if not np.isfinite(target).all():
         raise InputError("base parameters must be finite numbers")
     return target
@@ -125,7 +139,9 @@ def _root(base: BaseModel, target: Floats, covariance: npt.ArrayLike | None) -> 
         return np.diag(1 / sizes_of(base, target))
     matrix = np.asarray(covariance, dtype=float)
     if matrix.shape != (base.rank, base.rank) or not np.isfinite(matrix).all():
-        raise InputError(f"expected a finite covariance of shape ({base.rank}, {base.rank})")
+        raise InputError(
+            f"expected a finite covariance of shape ({base.rank}, {base.rank})"
+        )
     deviations = np.sqrt(np.maximum(np.diagonal(matrix), 0))
     if not (deviations > 0).all():
         raise InputError("the covariance has variances that are not positive")
@@ -141,10 +157,21 @@ def sizes_of(base: BaseModel, target: Floats) -> Floats:
     """Sizes of the base parameters, shape (r,): inertial ones by a common mass and the mechanism's length."""
     length = characteristic_length(base.mechanism)
     columns = [base.mechanism.columns[p] for p in base.matrix.pivots]
-    powers = [None if column.kind is None else LENGTH_DEGREE[column.kind] for column in columns]
-    masses = [abs(v) / length**p for v, p in zip(target, powers, strict=True) if p is not None]
+    powers = [
+        None if column.kind is None else LENGTH_DEGREE[column.kind]
+        for column in columns
+    ]
+    masses = [
+        abs(v) / length**p for v, p in zip(target, powers, strict=True) if p is not None
+    ]
     mass = max(masses, default=1.0) or 1.0
-    others = max((abs(v) for v, p in zip(target, powers, strict=True) if p is None), default=1.0) or 1.0
+    others = (
+        max(
+            (abs(v) for v, p in zip(target, powers, strict=True) if p is None),
+            default=1.0,
+        )
+        or 1.0
+    )
     return np.array([others if p is None else mass * length**p for p in powers])
 
 
@@ -152,7 +179,9 @@ _DISTINCT = 2e-3
 """Distance from which on values are not those of the nearest robot: solvers and margins account for less."""
 
 
-def feasibility(base: BaseModel, values: npt.ArrayLike, covariance: npt.ArrayLike | None = None) -> Feasibility:
+def feasibility(
+    base: BaseModel, values: npt.ArrayLike, covariance: npt.ArrayLike | None = None
+) -> Feasibility:
     """Whether a robot that can exist has given base parameters.
 
     Every body that carries all ten parameters needs J ≻ 0; signs of the others are those of
@@ -169,14 +198,21 @@ def feasibility(base: BaseModel, values: npt.ArrayLike, covariance: npt.ArrayLik
     away = f"{distance:.2g} {'of their size' if covariance is None else 'standard deviations'}"
     nearest = base.B_float() @ standard
     if distance > _DISTINCT:
-        return Feasibility(False, f"the nearest robot is {away} away", nearest=nearest, distance=distance)
+        return Feasibility(
+            False,
+            f"the nearest robot is {away} away",
+            nearest=nearest,
+            distance=distance,
+        )
     text = f"these base parameters are on the boundary of what robots can have, to within {away}"
     return Feasibility(None, text, nearest=nearest, distance=distance)
 
 
 _STEPS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 _ROUNDING = 1e-12
-_INVISIBLE = 1e-3  # a change by which data change this little of their noise cannot be seen
+_INVISIBLE = (
+    1e-3  # a change by which data change this little of their noise cannot be seen
+)
 
 
 def put_inside(programme: Programme, standard: Floats) -> tuple[Floats, float]:
@@ -189,7 +225,9 @@ def put_inside(programme: Programme, standard: Floats) -> tuple[Floats, float]:
         mixed = (1 - step) * start + step * inner
         if holds(programme, mixed):
             return mixed, step
-    raise EchelonError("the solver's answer violates the constraints by far more than its tolerance")
+    raise EchelonError(
+        "the solver's answer violates the constraints by far more than its tolerance"
+    )
 
 
 def interior_point(programme: Programme) -> Floats:
@@ -210,7 +248,9 @@ def interior_point(programme: Programme) -> Floats:
     diagonal, linear = np.append(np.full(p, 1e-9), 0.0), np.append(np.zeros(p), -1.0)
     found = solve_in_units(program, diagonal, linear)
     if found.status == INFEASIBLE or found.x[p] <= 1e-9:
-        raise InputError("the bounds contradict each other: no body that can exist satisfies all of them")
+        raise InputError(
+            "the bounds contradict each other: no body that can exist satisfies all of them"
+        )
     return _equal(programme.limits, programme.unwhiten @ found.x[:p])
 
 
@@ -219,17 +259,27 @@ def active(programme: Programme, standard: Floats, design: Floats) -> list[str]:
     slack, size = _slack(programme.limits, standard)
     seen = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     with np.errstate(divide="ignore", over="ignore"):
-        changes = np.where(programme.limits.least[:, :-1] != 0, np.abs(programme.limits.least[:, :-1]) / seen, np.inf)
+        changes = np.where(
+            programme.limits.least[:, :-1] != 0,
+            np.abs(programme.limits.least[:, :-1]) / seen,
+            np.inf,
+        )
     invisible = _INVISIBLE * changes.min(axis=1, initial=np.inf)
-    invisible[~np.isfinite(invisible) | (changes.min(axis=1, initial=np.inf) > 1e200)] = 0.0
+    invisible[
+        ~np.isfinite(invisible) | (changes.min(axis=1, initial=np.inf) > 1e200)
+    ] = 0.0
     closed = slack <= 1e-6 * size + invisible
-    return [name for name, shut in zip(programme.limits.names, closed, strict=True) if shut]
+    return [
+        name for name, shut in zip(programme.limits.names, closed, strict=True) if shut
+    ]
 
 
 def _slack(limits: LinearLimits, standard: Floats) -> tuple[Floats, Floats]:
     """Slack of the inequalities, and the size of their terms."""
     rows, constant = limits.least[:, :-1], limits.least[:, -1]
-    return rows @ standard + constant, np.abs(rows) @ np.abs(standard) + np.abs(constant)
+    return rows @ standard + constant, np.abs(rows) @ np.abs(standard) + np.abs(
+        constant
+    )
 
 
 def _equal(limits: LinearLimits, standard: Floats) -> Floats:

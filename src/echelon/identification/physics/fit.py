@@ -41,7 +41,11 @@ from echelon.base.matrix import Identifiability
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.bounds import Bounds, roles
-from echelon.identification.physics.feasibility import active, interior_point, put_inside
+from echelon.identification.physics.feasibility import (
+    active,
+    interior_point,
+    put_inside,
+)
 from echelon.identification.physics.programme import SOLVED, ConeSolution, Programme
 from echelon.inertia import divergence, pseudo_inertia
 from echelon.logs.finding import Finding, warning
@@ -75,22 +79,34 @@ class PhysicalFit:
     standard: Floats  # shape (p,); they satisfy every constraint
     base: Floats  # shape (r,); their base parameters B ζ
     misfit: float  # Σ ((W ζ̄ − y)/σ)² of the fit
-    unconstrained_misfit: float  # the same of plain (weighted) least squares, which no fit undercuts
+    unconstrained_misfit: (
+        float  # the same of plain (weighted) least squares, which no fit undercuts
+    )
     # body → smallest eigenvalue of its pseudo-inertia relative to that of its prior or its scale
     margins: Mapping[str, float]
     prior: str  # what it was drawn to: name of the prior, or empty
     prior_weight: float
     status: str  # of the solver
-    advantage: Advantage | None = None  # over least squares; None where data are in one piece
-    diagnostics: Mapping[str, Any] = field(default_factory=dict)  # JSON-able: solver, iterations, active bounds, …
+    advantage: Advantage | None = (
+        None  # over least squares; None where data are in one piece
+    )
+    diagnostics: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # JSON-able: solver, iterations, active bounds, …
 
     def __repr__(self) -> str:
         least = self.unconstrained_misfit
-        drawn = f", drawn to {self.prior} with weight {self.prior_weight:g}" if self.prior else ""
+        drawn = (
+            f", drawn to {self.prior} with weight {self.prior_weight:g}"
+            if self.prior
+            else ""
+        )
         return f"PhysicalFit({len(self.margins)} bodies, misfit {self.misfit - least:.4g} above {least:.4g}{drawn})"
 
 
-Solve = Callable[[Floats, Floats, float], Floats]  # base parameters from R, Qᵀy and a weight
+Solve = Callable[
+    [Floats, Floats, float], Floats
+]  # base parameters from R, Qᵀy and a weight
 
 CANDIDATES = tuple(float(10.0**k) for k in range(-2, 7))
 _BISECTIONS = 6
@@ -106,7 +122,9 @@ class WeightChoice:
     scores: tuple[tuple[float, float], ...]  # weights that were tried, with their error
 
 
-def by_stretches(solve: Solve, pieces: Sequence[Observation], weights: Floats | None) -> WeightChoice:
+def by_stretches(
+    solve: Solve, pieces: Sequence[Observation], weights: Floats | None
+) -> WeightChoice:
     """The weight with which stretches are best predicted from the others."""
     solves = [partial(_with_weight, solve, weight) for weight in CANDIDATES]
     errors = _stretch_errors(solves, pieces, weights)
@@ -116,7 +134,9 @@ def by_stretches(solve: Solve, pieces: Sequence[Observation], weights: Floats | 
     chosen = max(k for k in range(len(CANDIDATES)) if mean[k] <= mean[best] + spread[k])
     reason = f"the largest weight with which each of {len(pieces)} stretches is predicted from the others as well as "
     reason += "with any, within one standard error"
-    scores = tuple((weight, float(np.exp(m))) for weight, m in zip(CANDIDATES, mean, strict=True))
+    scores = tuple(
+        (weight, float(np.exp(m))) for weight, m in zip(CANDIDATES, mean, strict=True)
+    )
     return WeightChoice(CANDIDATES[chosen], reason, scores)
 
 
@@ -125,7 +145,9 @@ def _with_weight(solve: Solve, weight: float, triangle: Triangle) -> Floats:
 
 
 def _stretch_errors(
-    solves: Sequence[Callable[[Triangle], Floats]], pieces: Sequence[Observation], weights: Floats | None
+    solves: Sequence[Callable[[Triangle], Floats]],
+    pieces: Sequence[Observation],
+    weights: Floats | None,
 ) -> Floats:
     """Logarithms of the errors of stretches predicted from the others in several ways, shape (stretches, ways).
 
@@ -139,13 +161,20 @@ def _stretch_errors(
         others = [other for k, other in enumerate(pieces) if k != left]
         triangle = reduce(Observation.__add__, others).combined(factors)
         for column, solve in enumerate(solves):
-            rms = factors * piece.misfits(solve(triangle)) / np.sqrt(np.maximum(piece.counts, 1))
+            rms = (
+                factors
+                * piece.misfits(solve(triangle))
+                / np.sqrt(np.maximum(piece.counts, 1))
+            )
             errors[left, column] = float(np.mean(np.log(np.maximum(rms, 1e-12))))
     return errors
 
 
 def _advantage(
-    problem: _Problem, weight: float, pieces: Sequence[Observation], weights: npt.ArrayLike | None
+    problem: _Problem,
+    weight: float,
+    pieces: Sequence[Observation],
+    weights: npt.ArrayLike | None,
 ) -> Advantage | None:
     """How much better stretches are predicted with physical values than by least squares; None for one piece."""
     if len(pieces) < 2:
@@ -154,11 +183,16 @@ def _advantage(
     ways = (_least_squares, partial(_with_weight, problem.base_values, weight))
     plain, physical = _stretch_errors(ways, pieces, factors).T
     gains = plain - physical
-    return Advantage(float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
+    return Advantage(
+        float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+    )
 
 
 def _least_squares(triangle: Triangle) -> Floats:
-    return np.asarray(np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0] / triangle.safe_scales)
+    return np.asarray(
+        np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0]
+        / triangle.safe_scales
+    )
 
 
 def by_discrepancy(solve: Solve, triangle: Triangle) -> WeightChoice:
@@ -168,7 +202,12 @@ def by_discrepancy(solve: Solve, triangle: Triangle) -> WeightChoice:
     variance = triangle.residual**2 / freedom
 
     def excess(weight: float) -> float:
-        return float(np.sum((triangle.R @ solve(triangle.R, triangle.qty, weight) - triangle.qty) ** 2))
+        return float(
+            np.sum(
+                (triangle.R @ solve(triangle.R, triangle.qty, weight) - triangle.qty)
+                ** 2
+            )
+        )
 
     allowed = excess(CANDIDATES[0]) + r * variance
     scores = []
@@ -207,16 +246,24 @@ def physical_fit(
 ) -> PhysicalFit:
     """Fit the standard parameters of a robot that can exist."""
     if tuple(triangle.parameters) != tuple(base.pivots):
-        raise InputError("the triangle's columns are not the base parameters of this model")
+        raise InputError(
+            "the triangle's columns are not the base parameters of this model"
+        )
     problem = _Problem.of(base, triangle, bounds, prior)
     problem = replace(problem, plain=_plain_weight(problem, triangle))
     choice = _weight(problem, triangle, prior_weight, pieces, weights)
-    standard, found = problem.solve(problem.matrix(triangle.R), triangle.qty, choice.weight)
+    standard, found = problem.solve(
+        problem.matrix(triangle.R), triangle.qty, choice.weight
+    )
     standard, step = put_inside(problem.programme, standard)
     values = problem.B @ standard
     programme, reached = problem.programme, problem.programme.margins(standard)
     names = [name for name, _ in programme.role.bodies]
-    apart = divergence(programme.role.blocks(standard), programme.reference.bodies) if names else np.zeros(0)
+    apart = (
+        divergence(programme.role.blocks(standard), programme.reference.bodies)
+        if names
+        else np.zeros(0)
+    )
     return PhysicalFit(
         parameters=base.parameters,
         units=tuple(column.unit for column in base.mechanism.columns),
@@ -249,10 +296,21 @@ class _Problem:
     plain: float = PLAIN_WEIGHTS[-1]  # weight of the drawing towards a plain shape
 
     @staticmethod
-    def of(base: BaseModel, triangle: Triangle, bounds: Bounds | None, prior: npt.ArrayLike | None) -> _Problem:
+    def of(
+        base: BaseModel,
+        triangle: Triangle,
+        bounds: Bounds | None,
+        prior: npt.ArrayLike | None,
+    ) -> _Problem:
         B = base.B_float()
         programme = Programme.of(
-            base, triangle.R @ B, triangle.qty, bounds, prior, _told(base, triangle), _shared(base)
+            base,
+            triangle.R @ B,
+            triangle.qty,
+            bounds,
+            prior,
+            _told(base, triangle),
+            _shared(base),
         )
         if bounds is not None:
             interior_point(programme)
@@ -261,12 +319,18 @@ class _Problem:
     def matrix(self, R: Floats) -> Floats:
         return R @ self.B
 
-    def solve(self, design: Floats, target: Floats, weight: float) -> tuple[Floats, ConeSolution]:
+    def solve(
+        self, design: Floats, target: Floats, weight: float
+    ) -> tuple[Floats, ConeSolution]:
         informed = self.programme.reference.informed
         weights = np.where(informed, max(weight, PLAIN_WEIGHTS[-1]), self.plain)
         standard, found = self.programme.fit(design, target, weights, weight)
-        if found.status != SOLVED:  # that bounds do not contradict each other was seen before
-            raise EchelonError(f"the solver found no physically consistent fit: {found.message}")
+        if (
+            found.status != SOLVED
+        ):  # that bounds do not contradict each other was seen before
+            raise EchelonError(
+                f"the solver found no physically consistent fit: {found.message}"
+            )
         return standard, found
 
     def base_values(self, R: Floats, qty: Floats, weight: float) -> Floats:
@@ -281,10 +345,19 @@ def _plain_weight(problem: _Problem, triangle: Triangle) -> float:
     r, design = len(triangle.parameters), problem.matrix(triangle.R)
 
     def misfit(plain: float) -> float:
-        return _misfit(triangle, problem.B @ replace(problem, plain=plain).solve(design, triangle.qty, 0.0)[0])
+        return _misfit(
+            triangle,
+            problem.B
+            @ replace(problem, plain=plain).solve(design, triangle.qty, 0.0)[0],
+        )
 
-    allowed = misfit(PLAIN_WEIGHTS[-1]) + r * triangle.residual**2 / max(triangle.rows - r, 1)
-    return next((plain for plain in PLAIN_WEIGHTS[:-1] if misfit(plain) <= allowed), PLAIN_WEIGHTS[-1])
+    allowed = misfit(PLAIN_WEIGHTS[-1]) + r * triangle.residual**2 / max(
+        triangle.rows - r, 1
+    )
+    return next(
+        (plain for plain in PLAIN_WEIGHTS[:-1] if misfit(plain) <= allowed),
+        PLAIN_WEIGHTS[-1],
+    )
 
 
 def _weight(
@@ -297,12 +370,18 @@ def _weight(
     known = bool(problem.programme.reference.informed.any())
     if given != "auto":
         if isinstance(given, str) or not 0 <= given < np.inf:
-            raise InputError(f"prior_weight is {given!r}; expected a number from 0 on, or 'auto'")
+            raise InputError(
+                f"prior_weight is {given!r}; expected a number from 0 on, or 'auto'"
+            )
         return WeightChoice(float(given), "given", ())
     if not known:
         return WeightChoice(0.0, "there is no prior", ())
     if len(pieces) > 1:
-        return by_stretches(problem.base_values, pieces, None if weights is None else np.asarray(weights, dtype=float))
+        return by_stretches(
+            problem.base_values,
+            pieces,
+            None if weights is None else np.asarray(weights, dtype=float),
+        )
     return by_discrepancy(problem.base_values, triangle)
 
 
@@ -310,7 +389,12 @@ def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
     """Magnitudes of standard parameters that are seen alone, where they are clear of noise, by column."""
     inverse, scale = np.linalg.pinv(triangle.scaled), triangle.safe_scales
     values = inverse @ triangle.qty / scale
-    noise = np.linalg.norm(inverse, axis=1) / scale * triangle.residual / np.sqrt(max(triangle.rows, 1))
+    noise = (
+        np.linalg.norm(inverse, axis=1)
+        / scale
+        * triangle.residual
+        / np.sqrt(max(triangle.rows, 1))
+    )
     alone = [base.classification[name] is Identifiability.ALONE for name in base.pivots]
     clear = np.flatnonzero(alone & (np.abs(values) > _CLEAR * noise))
     return {base.matrix.pivots[k]: float(abs(values[k])) for k in clear}
@@ -319,16 +403,22 @@ def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
 def _shared(base: BaseModel) -> frozenset[int]:
     """Columns of standard parameters that are seen in combinations only."""
     seen = (base.classification[name] for name in base.parameters)
-    return frozenset(k for k, how in enumerate(seen) if how is Identifiability.COMBINATION)
+    return frozenset(
+        k for k, how in enumerate(seen) if how is Identifiability.COMBINATION
+    )
 
 
 def _misfit(triangle: Triangle, values: Floats) -> float:
-    return float(np.sum((triangle.R @ values - triangle.qty) ** 2) + triangle.residual**2)
+    return float(
+        np.sum((triangle.R @ values - triangle.qty) ** 2) + triangle.residual**2
+    )
 
 
 def _unconstrained_misfit(triangle: Triangle) -> float:
     best = np.linalg.lstsq(triangle.scaled, triangle.qty, rcond=None)[0]
-    return float(np.sum((triangle.scaled @ best - triangle.qty) ** 2) + triangle.residual**2)
+    return float(
+        np.sum((triangle.scaled @ best - triangle.qty) ** 2) + triangle.residual**2
+    )
 
 
 KIND = "far from the prior"
@@ -336,11 +426,17 @@ _FAR = 5.0
 _SHOWN = 6
 
 
-def departures(mechanism: Mechanism, standard: Floats, prior: Floats, weight: float) -> list[Finding]:
+def departures(
+    mechanism: Mechanism, standard: Floats, prior: Floats, weight: float
+) -> list[Finding]:
     """Bodies whose mass or inertia about the centre of mass is more than five times off; nan is unknown."""
     role = roles(mechanism)
     triples = zip(role.bodies, role.blocks(prior), role.blocks(standard), strict=True)
-    found = [text for (name, _), before, after in triples for text in _changes(name, before, after)]
+    found = [
+        text
+        for (name, _), before, after in triples
+        for text in _changes(name, before, after)
+    ]
     if not found:
         return []
     more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
@@ -370,5 +466,7 @@ def _is_far(before: float, after: float) -> bool:
 def _spread(values: Floats) -> float:
     """Largest moment of inertia about an axis through the centre of mass."""
     pseudo = pseudo_inertia(values)
-    second = np.linalg.eigvalsh(pseudo[:3, :3] - np.outer(values[6:9], values[6:9]) / values[9])
+    second = np.linalg.eigvalsh(
+        pseudo[:3, :3] - np.outer(values[6:9], values[6:9]) / values[9]
+    )
     return float(second[1] + second[2])

@@ -32,7 +32,12 @@ from echelon.logs.finding import Finding, note, warning
 from echelon.mechanism.impossible import warn_of_impossible
 from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, characteristic_length, placement_matrix, symbol_values
+from echelon.mechanism.stated import (
+    all_symbols,
+    characteristic_length,
+    placement_matrix,
+    symbol_values,
+)
 
 LEAST = 1e-4  # least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size
 _SHARE = 1e-2
@@ -46,16 +51,24 @@ class Reference:
     """A body for every pseudo-inertia, and values for the other parameters."""
 
     bodies: Floats  # shape (b, 10); each one can exist
-    informed: npt.NDArray[np.bool_]  # shape (b,); whether it is the prior's, not a plain shape
+    informed: npt.NDArray[
+        np.bool_
+    ]  # shape (b,); whether it is the prior's, not a plain shape
     values: Floats  # shape (p,); for parameters outside the pseudo-inertias, nan where nothing is known
     findings: tuple[Finding, ...]  # which bodies of the prior had to be repaired
 
 
 def reference(role: Roles, prior: npt.ArrayLike | None, mass: float = 1.0) -> Reference:
     """Reference bodies from a prior, completed by plain shapes."""
-    values = np.full(role.size, np.nan) if prior is None else np.asarray(prior, dtype=float).copy()
+    values = (
+        np.full(role.size, np.nan)
+        if prior is None
+        else np.asarray(prior, dtype=float).copy()
+    )
     if values.shape != (role.size,) or np.isinf(values).any():
-        raise InputError(f"expected a prior of {role.size} standard parameters, got an array of shape {values.shape}")
+        raise InputError(
+            f"expected a prior of {role.size} standard parameters, got an array of shape {values.shape}"
+        )
     size = characteristic_length(role.mechanism)
     plain = plain_body(mass, size)
     bodies, informed, findings = [], [], []
@@ -68,7 +81,12 @@ def reference(role: Roles, prior: npt.ArrayLike | None, mass: float = 1.0) -> Re
         fixed, finding = repaired(body, size, name)
         bodies.append(fixed)
         findings += [finding] if finding else []
-    return Reference(np.array(bodies).reshape(-1, PER_BODY), np.array(informed, dtype=bool), values, tuple(findings))
+    return Reference(
+        np.array(bodies).reshape(-1, PER_BODY),
+        np.array(informed, dtype=bool),
+        values,
+        tuple(findings),
+    )
 
 
 def plain_body(mass: float, size: float) -> Floats:
@@ -92,7 +110,9 @@ def repaired(body: Floats, size: float, name: str) -> tuple[Floats, Finding | No
     return np.asarray(fixed), warning("unphysical prior", f"body '{name}'", text)
 
 
-def without_placeholder(body: Floats, size: float, name: str) -> tuple[Floats, Finding | None]:
+def without_placeholder(
+    body: Floats, size: float, name: str
+) -> tuple[Floats, Finding | None]:
     """A body of a file, with an extent that it can have where the file's inertia is a placeholder.
 
     Arguments and results are those of :func:`repaired`.
@@ -126,7 +146,9 @@ def _shrunk(body: Floats, factor: float) -> Floats:
 
 def _scale(body: Floats, size: float) -> Floats:
     """A diagonal factor in whose square a body of this mass and size is about the identity, shape (4, 4)."""
-    mass = body[9] if body[9] > 0 else max(float(np.abs(body[:6]).max()) / size**2, 1e-9)
+    mass = (
+        body[9] if body[9] > 0 else max(float(np.abs(body[:6]).max()) / size**2, 1e-9)
+    )
     moment = float(np.abs(body[[0, 3, 5]]).sum()) / 2
     length = float(np.sqrt(moment / mass)) if moment > 0 else 1e-2 * size
     return np.diag(np.sqrt(mass) * np.array([length, length, length, 1.0]))
@@ -159,15 +181,23 @@ class Prior:
 
     name: str  # of the description
     values: Floats  # shape (p,); standard parameters in the set-up's frames, SI units; nan where it says nothing
-    findings: tuple[Finding, ...]  # what is missing, was repaired, or was taken as fixed
+    findings: tuple[
+        Finding, ...
+    ]  # what is missing, was repaired, or was taken as fixed
 
-    def base_values(self, base: BaseModel, symbols: Mapping[str, float] | None = None) -> Floats | None:
+    def base_values(
+        self, base: BaseModel, symbols: Mapping[str, float] | None = None
+    ) -> Floats | None:
         """Base parameters, shape (r,); unknown friction counts as none, unknown bodies make it useless.
 
         ``symbols`` are values of those that the model's file does not state.
         """
         inertial = [column.body is not None for column in base.mechanism.columns]
-        return None if np.isnan(self.values[inertial]).any() else base.values(np.nan_to_num(self.values), symbols)
+        return (
+            None
+            if np.isnan(self.values[inertial]).any()
+            else base.values(np.nan_to_num(self.values), symbols)
+        )
 
     def __repr__(self) -> str:
         known = int(np.isfinite(self.values).sum())
@@ -178,7 +208,12 @@ def known_before(base: BaseModel, other: Mechanism | None) -> Prior | None:
     """What is known of the standard parameters: from another description, or else the values of the robot's own."""
     if other is not None:
         return prior_from(base, other)
-    stated = np.array([np.nan if value is None else value for value in base.mechanism.standard_values()])
+    stated = np.array(
+        [
+            np.nan if value is None else value
+            for value in base.mechanism.standard_values()
+        ]
+    )
     return None if np.isnan(stated).all() else Prior(base.mechanism.name, stated, ())
 
 
@@ -201,28 +236,48 @@ def prior_from(base: BaseModel, other: Mechanism) -> Prior:
     findings = _locked(other, set(pairs.values()))
     for body in mechanism.carriers:
         carried, first = mechanism.bodies[body].carried, mechanism.first_column[body]
-        sharing = [k for k in mechanism.sharing[body] if k in pairs and np.any(totals.get(pairs[k], 0.0))]
+        sharing = [
+            k
+            for k in mechanism.sharing[body]
+            if k in pairs and np.any(totals.get(pairs[k], 0.0))
+        ]
         if sharing:
             # bodies that share their parameters get the mean of what is stated, which is a body, too
-            own = np.mean([move(totals[pairs[k]], np.linalg.inv(ours.frames[k])) for k in sharing], axis=0)
+            own = np.mean(
+                [
+                    move(totals[pairs[k]], np.linalg.inv(ours.frames[k]))
+                    for k in sharing
+                ],
+                axis=0,
+            )
             moved, found = _mended(own, mechanism, body)
             values[first : first + len(carried)] = moved[list(carried)]
             findings += found
         elif len(carried) == PER_BODY:
             text = f"{other.name} states no inertia for it; it is drawn towards a plain shape only"
-            findings.append(note("no prior", f"body '{mechanism.bodies[body].name}'", text))
+            findings.append(
+                note("no prior", f"body '{mechanism.bodies[body].name}'", text)
+            )
     stated = {(effect.parameter, effect.unit): effect.value for effect in other.effects}
-    for column, effect in enumerate(mechanism.effects, len(values) - len(mechanism.effects)):
+    for column, effect in enumerate(
+        mechanism.effects, len(values) - len(mechanism.effects)
+    ):
         known = stated.get((effect.parameter, effect.unit))
         values[column] = np.nan if known is None else known
     return Prior(other.name, values, tuple(findings))
 
 
-def _mended(values: Floats, mechanism: Mechanism, body: int) -> tuple[Floats, list[Finding]]:
+def _mended(
+    values: Floats, mechanism: Mechanism, body: int
+) -> tuple[Floats, list[Finding]]:
     """The body as one that can exist, of a size that it can have, and what had to be changed for that."""
     if len(mechanism.bodies[body].carried) < PER_BODY:
         return values, []
-    size, name, findings = characteristic_length(mechanism), mechanism.bodies[body].name, []
+    size, name, findings = (
+        characteristic_length(mechanism),
+        mechanism.bodies[body].name,
+        [],
+    )
     for mend in (repaired, without_placeholder):
         values, finding = mend(values, size, name)
         findings += [finding] if finding else []
@@ -279,8 +334,13 @@ class _Posed:
         """The pose with its base moved."""
         shift = np.eye(4)
         shift[:3, 3] = offset
-        axes = tuple(tuple(replace(axis, frame=shift @ axis.frame) for axis in some) for some in self.axes)
-        return _Posed(self.mechanism, tuple(shift @ frame for frame in self.frames), axes)
+        axes = tuple(
+            tuple(replace(axis, frame=shift @ axis.frame) for axis in some)
+            for some in self.axes
+        )
+        return _Posed(
+            self.mechanism, tuple(shift @ frame for frame in self.frames), axes
+        )
 
 
 def _used(mechanism: Mechanism) -> set[str]:
@@ -308,7 +368,11 @@ def _matched(mechanism: Mechanism, other: Mechanism) -> dict[int, int]:
 
 def _moving(mechanism: Mechanism) -> list[int]:
     """Bodies on joints; rotors, which carry a part of their inertia only, are not among them."""
-    return [k for k, body in enumerate(mechanism.bodies) if body.joint.motions and len(body.carried) in (0, PER_BODY)]
+    return [
+        k
+        for k, body in enumerate(mechanism.bodies)
+        if body.joint.motions and len(body.carried) in (0, PER_BODY)
+    ]
 
 
 def _offset(ours: _Posed, theirs: _Posed, pairs: Mapping[int, int]) -> Floats:
@@ -326,7 +390,10 @@ def _offset(ours: _Posed, theirs: _Posed, pairs: Mapping[int, int]) -> Floats:
 
 
 def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int) -> None:
-    names = [posed.mechanism.bodies[k].joint.name for posed, k in ((ours, mine), (theirs, yours))]
+    names = [
+        posed.mechanism.bodies[k].joint.name
+        for posed, k in ((ours, mine), (theirs, yours))
+    ]
     where = f"joint '{names[0]}' of the set-up and '{names[1]}' of the prior"
     first, second = ours.axes[mine], theirs.axes[yours]
     kinds = [[axis.motion.kind.value for axis in axes] for axes in (first, second)]
@@ -341,16 +408,27 @@ def _compare(ours: _Posed, theirs: _Posed, mine: int, yours: int) -> None:
         if apart > _TOLERANCE:
             angle = np.degrees(2 * np.arcsin(min(1.0, apart / 2)))
             problem = f"their axes are {angle:.4g}° apart at the zero pose; the descriptions must have the same zero "
-            raise InputError(problem + "pose, directions of joints and axes of the base", element=where)
+            raise InputError(
+                problem + "pose, directions of joints and axes of the base",
+                element=where,
+            )
         distance = float(np.linalg.norm(a.fixed @ (a.frame[:3, 3] - b.frame[:3, 3])))
         if distance > _TOLERANCE:
-            raise InputError(f"their axes are {distance:.4g} m apart at the zero pose", element=where)
+            raise InputError(
+                f"their axes are {distance:.4g} m apart at the zero pose", element=where
+            )
 
 
 def _lumped(other: Mechanism, posed: _Posed, hosts: set[int]) -> dict[int, Floats]:
     """For every host the parameters of itself and all that is taken as fixed to it, in the base frame."""
     totals: dict[int, Floats] = {}
-    warn_of_impossible([body for k, body in enumerate(other.bodies) if _host(other, k, hosts) != GROUND])
+    warn_of_impossible(
+        [
+            body
+            for k, body in enumerate(other.bodies)
+            if _host(other, k, hosts) != GROUND
+        ]
+    )
     for k, body in enumerate(other.bodies):
         host = _host(other, k, hosts)
         if host == GROUND or body.inertial is None:
@@ -375,5 +453,7 @@ def _locked(other: Mechanism, hosts: set[int]) -> list[Finding]:
         if k not in hosts and _host(other, k, hosts) != GROUND:
             body = other.bodies[k]
             text = f"the set-up has no such joint; body '{body.name}' counts as fixed at its zero position"
-            findings.append(note("locked joint", f"joint '{body.joint.name}' of {other.name}", text))
+            findings.append(
+                note("locked joint", f"joint '{body.joint.name}' of {other.name}", text)
+            )
     return findings

@@ -26,8 +26,18 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError
 from echelon.extras import extra
-from echelon.identification.physics.bounds import Bounds, LinearLimits, Roles, linear_limits, roles
-from echelon.identification.physics.prior_information import Reference, common_mass, reference
+from echelon.identification.physics.bounds import (
+    Bounds,
+    LinearLimits,
+    Roles,
+    linear_limits,
+    roles,
+)
+from echelon.identification.physics.prior_information import (
+    Reference,
+    common_mass,
+    reference,
+)
 from echelon.inertia import SIZE, factor, frame_change, margins, pseudo_inertia
 from echelon.mechanism.mechanism import Parameter
 
@@ -35,7 +45,13 @@ from echelon.mechanism.mechanism import Parameter
 def svec(matrix: Floats) -> Floats:
     """Upper triangle by columns, off-diagonal entries times √2; shape (n (n + 1)/2,)."""
     n = len(matrix)
-    return np.array([matrix[i, j] * (1.0 if i == j else np.sqrt(2)) for j in range(n) for i in range(j + 1)])
+    return np.array(
+        [
+            matrix[i, j] * (1.0 if i == j else np.sqrt(2))
+            for j in range(n)
+            for i in range(j + 1)
+        ]
+    )
 
 
 def _order(length: int) -> int:
@@ -49,11 +65,23 @@ SVEC = np.stack([svec(pseudo_inertia(unit)) for unit in np.eye(PER_BODY)], axis=
 
 _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 
-_UNITS = (1.0, 1e-2, 1e-4, 1e-6, 1e2, 3.0, 0.3)  # units of the objective that are tried one after another
+_UNITS = (
+    1.0,
+    1e-2,
+    1e-4,
+    1e-6,
+    1e2,
+    3.0,
+    0.3,
+)  # units of the objective that are tried one after another
 _ALMOST = "Almost"
 
 SOLVED, INFEASIBLE, UNBOUNDED, FAILED = "solved", "infeasible", "unbounded", "failed"
-_STATUSES = {"Solved": SOLVED, "PrimalInfeasible": INFEASIBLE, "DualInfeasible": UNBOUNDED}
+_STATUSES = {
+    "Solved": SOLVED,
+    "PrimalInfeasible": INFEASIBLE,
+    "DualInfeasible": UNBOUNDED,
+}
 
 
 @dataclass(frozen=True)
@@ -71,7 +99,9 @@ class ConeProgram:
     """A cone programme that grows block by block."""
 
     size: int  # variables
-    _blocks: dict[str, list[tuple[Any, Floats]]] = field(default_factory=lambda: {kind: [] for kind in _KINDS})
+    _blocks: dict[str, list[tuple[Any, Floats]]] = field(
+        default_factory=lambda: {kind: [] for kind in _KINDS}
+    )
 
     def add(self, kind: str, matrix: Any, offset: Floats) -> None:
         """Require matrix · x + offset to be in a cone."""
@@ -79,7 +109,9 @@ class ConeProgram:
             from scipy.sparse import csr_array
 
         if len(offset):
-            self._blocks[kind].append((csr_array(matrix), np.asarray(offset, dtype=float)))
+            self._blocks[kind].append(
+                (csr_array(matrix), np.asarray(offset, dtype=float))
+            )
 
     def solve(self, diagonal: Floats, linear: Floats) -> ConeSolution:
         """Minimise ½ Σ diagonal · x² + linearᵀ x, without a negative number in the diagonal."""
@@ -87,25 +119,38 @@ class ConeProgram:
             import clarabel
             from scipy.sparse import csc_array, diags_array, vstack
 
-        lengths = {kind: [len(offset) for _, offset in blocks] for kind, blocks in self._blocks.items()}
+        lengths = {
+            kind: [len(offset) for _, offset in blocks]
+            for kind, blocks in self._blocks.items()
+        }
         cones = [clarabel.ZeroConeT(k) for k in lengths["zero"]]
         cones += [clarabel.NonnegativeConeT(k) for k in lengths["nonnegative"]]
         cones += [clarabel.SecondOrderConeT(k) for k in lengths["second_order"]]
         cones += [clarabel.PSDTriangleConeT(_order(k)) for k in lengths["semidefinite"]]
-        cones += [clarabel.ExponentialConeT() for k in lengths["exponential"] for _ in range(k // 3)]
+        cones += [
+            clarabel.ExponentialConeT()
+            for k in lengths["exponential"]
+            for _ in range(k // 3)
+        ]
         blocks = [block for kind in _KINDS for block in self._blocks[kind]]
         rows = csc_array(vstack([-matrix for matrix, _ in blocks]))
         offsets = np.concatenate([offset for _, offset in blocks])
         settings = clarabel.DefaultSettings()
         settings.verbose, settings.max_threads = False, 1
         quadratic = diags_array(diagonal, format="csc")
-        found = clarabel.DefaultSolver(quadratic, linear, rows, offsets, cones, settings).solve()
+        found = clarabel.DefaultSolver(
+            quadratic, linear, rows, offsets, cones, settings
+        ).solve()
         message = str(found.status)
         status = _STATUSES.get(message.removeprefix(_ALMOST), FAILED)
-        return ConeSolution(np.array(found.x, dtype=float), status, message, found.iterations)
+        return ConeSolution(
+            np.array(found.x, dtype=float), status, message, found.iterations
+        )
 
 
-def solve_in_units(program: ConeProgram, diagonal: Floats, linear: Floats) -> ConeSolution:
+def solve_in_units(
+    program: ConeProgram, diagonal: Floats, linear: Floats
+) -> ConeSolution:
     """Solve; if the solver gives up without a verdict, with the objective in other units.
 
     Solvers stop by a mixture of relative and absolute tolerances, so the unit of the objective matters to them.
@@ -113,7 +158,9 @@ def solve_in_units(program: ConeProgram, diagonal: Floats, linear: Floats) -> Co
     attempts = []
     for unit in _UNITS:
         attempts.append(program.solve(unit * diagonal, unit * linear))
-        if attempts[-1].status != FAILED and not attempts[-1].message.startswith(_ALMOST):
+        if attempts[-1].status != FAILED and not attempts[-1].message.startswith(
+            _ALMOST
+        ):
             return attempts[-1]
     almost = next((found for found in attempts if found.status != FAILED), None)
     if almost is None:
@@ -135,8 +182,12 @@ class Programme:
     role: Roles
     limits: LinearLimits
     reference: Reference
-    told: Mapping[int, float] = field(default_factory=dict)  # magnitudes that data alone give to columns
-    shared: frozenset[int] = frozenset()  # columns that data do not tell from others, such as bodies
+    told: Mapping[int, float] = field(
+        default_factory=dict
+    )  # magnitudes that data alone give to columns
+    shared: frozenset[int] = (
+        frozenset()
+    )  # columns that data do not tell from others, such as bodies
 
     @staticmethod
     def of(
@@ -152,13 +203,21 @@ class Programme:
         role = roles(base.mechanism)
         mass = common_mass(role, design, target)
         return Programme(
-            role, linear_limits(role, bounds or Bounds()), reference(role, prior, mass), told or {}, shared
+            role,
+            linear_limits(role, bounds or Bounds()),
+            reference(role, prior, mass),
+            told or {},
+            shared,
         )
 
     @cached_property
     def roots(self) -> Floats:
         """Factors L of the reference bodies, shape (b, 4, 4)."""
-        return factor(self.reference.bodies) if len(self.reference.bodies) else np.zeros((0, SIZE, SIZE))
+        return (
+            factor(self.reference.bodies)
+            if len(self.reference.bodies)
+            else np.zeros((0, SIZE, SIZE))
+        )
 
     @cached_property
     def others(self) -> list[int]:
@@ -169,15 +228,25 @@ class Programme:
     def unwhiten(self) -> Floats:
         """Standard parameters from the unknowns: ten per body, then the others; shape (p, p)."""
         matrix = np.zeros((self.role.size, self.role.size))
-        for number, (start, root) in enumerate(zip(self.role.starts, self.roots, strict=True)):
+        for number, (start, root) in enumerate(
+            zip(self.role.starts, self.roots, strict=True)
+        ):
             place = PER_BODY * number
-            matrix[start : start + PER_BODY, place : place + PER_BODY] = frame_change(root)
+            matrix[start : start + PER_BODY, place : place + PER_BODY] = frame_change(
+                root
+            )
         for number, column in enumerate(self.others, PER_BODY * len(self.roots)):
             matrix[column, number] = 1.0
         return matrix
 
     def fit(
-        self, design: Floats, target: Floats, weights: Floats, drawing: float, *, exact: bool = False
+        self,
+        design: Floats,
+        target: Floats,
+        weights: Floats,
+        drawing: float,
+        *,
+        exact: bool = False,
     ) -> tuple[Floats, ConeSolution]:
         """Minimise ‖design · ζ − target‖² + Σ weights · divergence + drawing of the others to their priors."""
         bodies, p, k = len(self.role.bodies), self.role.size, len(target)
@@ -195,7 +264,9 @@ class Programme:
         self._add_bodies(program, size, p, logs)
         diagonal, linear = np.zeros(size), np.zeros(size)
         for body, weight in enumerate(weights):
-            linear[[PER_BODY * body + i for i in (0, 3, 5)]] = weight / 2  # tr K = ½ (XX + YY + ZZ) + M
+            linear[[PER_BODY * body + i for i in (0, 3, 5)]] = (
+                weight / 2
+            )  # tr K = ½ (XX + YY + ZZ) + M
             linear[PER_BODY * body + 9] = weight
             linear[logs + _LOGS * body : logs + _LOGS * (body + 1)] = -weight
         if exact:
@@ -209,13 +280,21 @@ class Programme:
     def _signed(self) -> list[tuple[int, float]]:
         """Unknowns that only must not be negative, with their sizes."""
         rows = self.limits.least
-        alone = (np.count_nonzero(rows[:, :-1], axis=1) == 1) & (rows[:, -1] == 0) & (rows[:, :-1].max(axis=1) > 0)
+        alone = (
+            (np.count_nonzero(rows[:, :-1], axis=1) == 1)
+            & (rows[:, -1] == 0)
+            & (rows[:, :-1].max(axis=1) > 0)
+        )
         columns = {int(np.argmax(row[:-1])) for row in rows[alone]}
         first, found = PER_BODY * len(self.role.bodies), []
         for place, column in enumerate(self.others, first):
             if column in columns:
                 prior = self.reference.values[column]
-                size = prior if np.isfinite(prior) and prior > 0 else self._size(self.role.mechanism.columns[column])
+                size = (
+                    prior
+                    if np.isfinite(prior) and prior > 0
+                    else self._size(self.role.mechanism.columns[column])
+                )
                 found.append((place, float(size)))
         return found
 
@@ -223,10 +302,21 @@ class Programme:
         """Size of a parameter outside the bodies: an inertia or a mass as a body's, else 1."""
         if not len(self.reference.bodies):
             return 1.0
-        masses, inertias = self.reference.bodies[:, 9], self.reference.bodies[:, [0, 3, 5]].mean(axis=1)
-        return float({"kg": masses, "kg·m²": inertias}.get(parameter.unit, np.ones(1)).mean())
+        masses, inertias = (
+            self.reference.bodies[:, 9],
+            self.reference.bodies[:, [0, 3, 5]].mean(axis=1),
+        )
+        return float(
+            {"kg": masses, "kg·m²": inertias}.get(parameter.unit, np.ones(1)).mean()
+        )
 
-    def _keep_inside(self, program: ConeProgram, linear: Floats, signed: list[tuple[int, float]], size: int) -> None:
+    def _keep_inside(
+        self,
+        program: ConeProgram,
+        linear: Floats,
+        signed: list[tuple[int, float]],
+        size: int,
+    ) -> None:
         """log(x/x₀) ≥ u for each signed unknown, with the last variables for u."""
         for number, (place, scale) in enumerate(signed):
             u = size - len(signed) + number
@@ -236,7 +326,14 @@ class Programme:
             linear[place] += 1 / scale
             linear[u] = -1.0
 
-    def _draw(self, diagonal: Floats, linear: Floats, matrix: Floats, target: Floats, drawing: float) -> None:
+    def _draw(
+        self,
+        diagonal: Floats,
+        linear: Floats,
+        matrix: Floats,
+        target: Floats,
+        drawing: float,
+    ) -> None:
         """Quadratic drawing of the parameters outside the bodies, and rest for what nothing determines.
 
         What bodies may explain as well, they explain: an offset that could be the weight of a slide is drawn to zero.
@@ -258,7 +355,10 @@ class Programme:
     def add_limits(self, program: ConeProgram, slack: int | None = None) -> None:
         """Signs and bounds, rows scaled to a largest entry of 1; inequalities leave as much room as a variable says."""
         p = self.role.size
-        for kind, rows in (("zero", self.limits.equal), ("nonnegative", self.limits.least)):
+        for kind, rows in (
+            ("zero", self.limits.equal),
+            ("nonnegative", self.limits.least),
+        ):
             moved = np.zeros((len(rows), program.size))
             moved[:, :p] = rows[:, :p] @ self.unwhiten
             scale = np.maximum(np.abs(moved).max(axis=1, initial=0.0), 1e-300)
@@ -274,7 +374,9 @@ class Programme:
                 moved[0, slack] = -1.0
             program.add("second_order", moved, np.zeros(len(cone)))
 
-    def _add_bodies(self, program: ConeProgram, size: int, triangles: int, logs: int) -> None:
+    def _add_bodies(
+        self, program: ConeProgram, size: int, triangles: int, logs: int
+    ) -> None:
         """log det K ≥ Σ u for every body, by a triangle Z of ten numbers and four logarithms u."""
         with extra("identify"):
             from scipy.sparse import coo_array
@@ -282,9 +384,19 @@ class Programme:
         for body in range(len(self.role.bodies)):
             k, z, u = PER_BODY * body, triangles + PER_BODY * body, logs + _LOGS * body
             rows, columns, values = _determinant_block(k, z)
-            program.add("semidefinite", coo_array((values, (rows, columns)), shape=(36, size)), np.zeros(36))
+            program.add(
+                "semidefinite",
+                coo_array((values, (rows, columns)), shape=(36, size)),
+                np.zeros(36),
+            )
             exponential = coo_array(
-                (np.ones(2 * SIZE), ([*range(0, 12, 3), *range(2, 12, 3)], [*range(u, u + 4), *_diagonal_of_z(z)])),
+                (
+                    np.ones(2 * SIZE),
+                    (
+                        [*range(0, 12, 3), *range(2, 12, 3)],
+                        [*range(u, u + 4), *_diagonal_of_z(z)],
+                    ),
+                ),
                 shape=(12, size),
             )
             program.add("exponential", exponential, np.tile([0.0, 1.0, 0.0], SIZE))
@@ -297,7 +409,9 @@ class Programme:
 
 
 def _grid(rows: int, first: int) -> tuple[Any, Any]:
-    return np.repeat(np.arange(rows), PER_BODY), np.tile(np.arange(first, first + PER_BODY), rows)
+    return np.repeat(np.arange(rows), PER_BODY), np.tile(
+        np.arange(first, first + PER_BODY), rows
+    )
 
 
 def _diagonal_of_z(z: int) -> list[int]:

@@ -90,7 +90,11 @@ def spread_out(
             number += 1
             if len(kept) > 2 * parts:
                 kept, every = kept[::2], 2 * every
-    return kept if every == 0 or len(kept) <= parts else [kept[k * len(kept) // parts] for k in range(parts)]
+    return (
+        kept
+        if every == 0 or len(kept) <= parts
+        else [kept[k * len(kept) // parts] for k in range(parts)]
+    )
 
 
 def _windows(samples: Samples, length: int) -> Iterator[Samples]:
@@ -120,10 +124,14 @@ def _slower(samples: Samples, factor: int, band: float) -> Samples:
 
 def _any_of(flags: Flags, factor: int) -> Flags:
     """Whether any of some samples in a row is flagged, shape (samples / factor, outputs)."""
-    return np.asarray(np.logical_or.reduceat(flags, np.arange(0, len(flags), factor), axis=0))
+    return np.asarray(
+        np.logical_or.reduceat(flags, np.arange(0, len(flags), factor), axis=0)
+    )
 
 
-Part = Literal["all", "first", "last"]  # which part of a log: all of it, what is fitted, or what is held out
+Part = Literal[
+    "all", "first", "last"
+]  # which part of a log: all of it, what is fitted, or what is held out
 
 
 @dataclass(frozen=True)
@@ -136,33 +144,58 @@ class Plan:
     holdout: float = 0.0  # share of each stretch that is held out, 0 to 1
 
     def samples(
-        self, path: str | Path, part: Part = "all", *, outputs: bool = True, reference: bool = False
+        self,
+        path: str | Path,
+        part: Part = "all",
+        *,
+        outputs: bool = True,
+        reference: bool = False,
     ) -> Iterator[Samples]:
         """Prepared samples of a log, stretch by stretch; what is too short is left out, unless it is all there is."""
         mechanism, short, any_left = self.base.mechanism, None, False
         rate = self.preparation.rate
-        reading = partial(read_log, rate=rate, outputs=outputs, named=False)  # the survey does it
+        reading = partial(
+            read_log, rate=rate, outputs=outputs, named=False
+        )  # the survey does it
         for piece in reading(path, mechanism, self.columns):
             for segment in piece.segments:
-                if PreparationPlan(self.preparation, mechanism, segment.rate).is_short(segment):
+                if PreparationPlan(self.preparation, mechanism, segment.rate).is_short(
+                    segment
+                ):
                     short = segment
                     continue
                 any_left = True
                 samples = prepare(segment, self.preparation, mechanism)
                 if reference:
-                    asked = prepare(_along_reference(segment), self.preparation, mechanism)
+                    asked = prepare(
+                        _along_reference(segment), self.preparation, mechanism
+                    )
                     samples = replace(
-                        asked, moving=samples.moving, pinned=samples.pinned, first=samples.first, stop=samples.stop
+                        asked,
+                        moving=samples.moving,
+                        pinned=samples.pinned,
+                        first=samples.first,
+                        stop=samples.stop,
                     )
                 yield from self.parts(samples, part)
         if short is not None and not any_left:
             PreparationPlan(self.preparation, mechanism, short.rate).check(short)
 
-    def rows(self, paths: Sequence[str | Path], part: Part = "all", *, reference: bool = False) -> ModelRows:
+    def rows(
+        self,
+        paths: Sequence[str | Path],
+        part: Part = "all",
+        *,
+        reference: bool = False,
+    ) -> ModelRows:
         """The rows of some logs, along the measured or the reference positions; they are read again in every pass."""
-        return ModelRows(self.base, partial(self._samples, tuple(paths), part, reference))
+        return ModelRows(
+            self.base, partial(self._samples, tuple(paths), part, reference)
+        )
 
-    def _samples(self, paths: Sequence[str | Path], part: Part, reference: bool) -> Iterator[Samples]:
+    def _samples(
+        self, paths: Sequence[str | Path], part: Part, reference: bool
+    ) -> Iterator[Samples]:
         for path in paths:
             yield from self.samples(path, part, reference=reference)
 

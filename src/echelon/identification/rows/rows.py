@@ -53,7 +53,9 @@ class RowBlock:
     source: str  # log they come from
     segment: int  # counts uninterrupted stretches, so that neighbouring rows can be told from those across a gap
     times: tuple[Floats, ...]  # shape (k_i,); for each output, the times of its rows, s
-    matrices: tuple[Floats, ...]  # shape (k_i, n_i); for each output, the columns layout.columns[i] of the regressor
+    matrices: tuple[
+        Floats, ...
+    ]  # shape (k_i, n_i); for each output, the columns layout.columns[i] of the regressor
     y: tuple[Floats, ...]  # shape (k_i,); for each output, the measured values
 
     def taken(self, some: Sequence[Flags | slice]) -> RowBlock:
@@ -86,7 +88,9 @@ class Rows(Protocol):
     def observation(self) -> Observation:
         """The R-factors of the rows that are fitted."""
         empty = _empty(self.layout)
-        return reduce(stacked, (observed(self.layout, block) for block in self.blocks()), empty)
+        return reduce(
+            stacked, (observed(self.layout, block) for block in self.blocks()), empty
+        )
 
 
 _WINDOW = 1 << 14
@@ -101,7 +105,9 @@ class ModelRows:
     """Rows of [W y] of a base model at prepared samples; see :class:`echelon.identification.rows.rows.Rows`."""
 
     base: BaseModel
-    source: Callable[[], Iterable[Samples]]  # returns the samples, the same ones every time it is called
+    source: Callable[
+        [], Iterable[Samples]
+    ]  # returns the samples, the same ones every time it is called
 
     @staticmethod
     def of(base: BaseModel, samples: Sequence[Samples]) -> ModelRows:
@@ -118,7 +124,10 @@ class ModelRows:
         """Outputs, base parameters, and which of them each output can depend on."""
         outputs, parameters = self.base.function("regressor").axes
         rows, columns = self.base.sparsity
-        kept = (tuple(sorted(columns[rows == output].tolist())) for output in range(len(outputs)))
+        kept = (
+            tuple(sorted(columns[rows == output].tolist()))
+            for output in range(len(outputs))
+        )
         return Layout(outputs, parameters, tuple(kept))
 
     def blocks(self) -> Iterator[RowBlock]:
@@ -130,11 +139,22 @@ class ModelRows:
     def blocks_of(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
         """The rows of some samples, in the order of time."""
         _check_outputs(samples, self.layout)
-        room = np.empty((0, self.base.sparsity.shape[1]))  # new memory for every window would take as long as its use
+        room = np.empty(
+            (0, self.base.sparsity.shape[1])
+        )  # new memory for every window would take as long as its use
         for window in self._windows(samples):
             low, high = self._around(samples, window)
-            room = room if high - low <= len(room) else np.empty((high - low, room.shape[1]))
-            yield self._block(samples, window, segment, self._entries(samples, low, high, room[: high - low]))
+            room = (
+                room
+                if high - low <= len(room)
+                else np.empty((high - low, room.shape[1]))
+            )
+            yield self._block(
+                samples,
+                window,
+                segment,
+                self._entries(samples, low, high, room[: high - low]),
+            )
 
     def observation(self) -> Observation:
         """The R-factors of all rows."""
@@ -148,7 +168,9 @@ class ModelRows:
 
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
         """The outputs at all samples, before any filter; shape (N, outputs)."""
-        return self.base.predict(samples.q, samples.qd, samples.qdd, values, inputs=dict(samples.inputs))
+        return self.base.predict(
+            samples.q, samples.qd, samples.qdd, values, inputs=dict(samples.inputs)
+        )
 
     # -- windows -----------------------------------------------------------------------------------------------------
 
@@ -158,21 +180,35 @@ class ModelRows:
         reach = 0 if samples.reduction is None else samples.reduction.reach
         size = -(-max(_WINDOW, _REACHES * reach) // factor) * factor
         first = samples.first // factor * factor
-        yield from ((start, min(start + size, stop)) for start in range(first, stop, size))
+        yield from (
+            (start, min(start + size, stop)) for start in range(first, stop, size)
+        )
 
     @staticmethod
     def _around(samples: Samples, window: tuple[int, int]) -> tuple[int, int]:
         """The samples that the rows of a window depend on."""
         reduction, (start, stop) = samples.reduction, window
-        margin = 0 if reduction is None else -(-reduction.reach // reduction.factor) * reduction.factor
+        margin = (
+            0
+            if reduction is None
+            else -(-reduction.reach // reduction.factor) * reduction.factor
+        )
         return max(start - margin, 0), min(stop + margin, len(samples))
 
-    def _block(self, samples: Samples, window: tuple[int, int], segment: int, entries: Floats) -> RowBlock:
+    def _block(
+        self, samples: Samples, window: tuple[int, int], segment: int, entries: Floats
+    ) -> RowBlock:
         """Rows of the samples in a window, output by output."""
-        (start, stop), (low, high), reduction = window, self._around(samples, window), samples.reduction
+        (start, stop), (low, high), reduction = (
+            window,
+            self._around(samples, window),
+            samples.reduction,
+        )
         assert samples.y is not None
         y = samples.y[low:high]
-        kept = np.arange(high - low) if reduction is None else reduction.kept(high - low)
+        kept = (
+            np.arange(high - low) if reduction is None else reduction.kept(high - low)
+        )
         if reduction is not None:
             entries, y = reduction.apply(entries), reduction.apply(y)
         places = low + kept
@@ -185,7 +221,9 @@ class ModelRows:
 
     def _entries(self, samples: Samples, low: int, high: int, out: Floats) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
-        q, qd, qdd = (values[low:high] for values in (samples.q, samples.qd, samples.qdd))
+        q, qd, qdd = (
+            values[low:high] for values in (samples.q, samples.qd, samples.qdd)
+        )
         inputs = {name: values[low:high] for name, values in samples.inputs.items()}
         return self.base.regressor_entries(q, qd, qdd, inputs=inputs, out=out)
 
@@ -201,7 +239,11 @@ class ModelRows:
 
     def _fused(self, samples: Samples) -> Observation:
         window = slice(samples.first, samples.stop)
-        state = {name: values[window] for name, values in samples.state.items() if name != "inputs"}
+        state = {
+            name: values[window]
+            for name, values in samples.state.items()
+            if name != "inputs"
+        }
         inputs = {name: values[window] for name, values in samples.inputs.items()}
         return self.base.accumulate({**state, "inputs": inputs})
 
@@ -218,7 +260,10 @@ class Numbering:
     def of(self, samples: Samples) -> int:
         """Number of the stretch to which the next samples belong."""
         begin = samples.start + samples.first / samples.rate
-        follows = samples.source == self._end[0] and abs(begin - self._end[1]) < 0.5 / samples.rate
+        follows = (
+            samples.source == self._end[0]
+            and abs(begin - self._end[1]) < 0.5 / samples.rate
+        )
         self._segment += not follows
         self._end = (samples.source, samples.start + samples.end / samples.rate)
         return self._segment
@@ -229,7 +274,11 @@ def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags 
     kept, inside = _kept(samples)
     fitted = _fitted(samples, slice(None))
     times = samples.start + kept[inside] / samples.rate
-    return times, rows_filtered(samples, values), None if fitted is None else fitted[inside]
+    return (
+        times,
+        rows_filtered(samples, values),
+        None if fitted is None else fitted[inside],
+    )
 
 
 def rows_measured(samples: Samples) -> Flags | None:
@@ -247,15 +296,25 @@ def rows_filtered(samples: Samples, values: Floats) -> Floats:
 
 def _kept(samples: Samples) -> tuple[Integers, Flags]:
     """Samples that the filter of both sides leaves, and which of them are rows."""
-    kept = np.arange(len(samples)) if samples.reduction is None else samples.reduction.kept(len(samples))
+    kept = (
+        np.arange(len(samples))
+        if samples.reduction is None
+        else samples.reduction.kept(len(samples))
+    )
     return kept, (kept >= samples.first) & (kept < samples.end)
 
 
 def _fitted(samples: Samples, some: slice) -> Flags | None:
     """Rows of some samples that are fitted, shape (rows, outputs); all if None."""
     if samples.moving is None:
-        return None if samples.pinned is None else _rows_without(samples, samples.pinned, some)
-    left_out = ~samples.moving if samples.pinned is None else ~samples.moving | samples.pinned
+        return (
+            None
+            if samples.pinned is None
+            else _rows_without(samples, samples.pinned, some)
+        )
+    left_out = (
+        ~samples.moving if samples.pinned is None else ~samples.moving | samples.pinned
+    )
     return _rows_without(samples, left_out, some)
 
 
@@ -263,7 +322,9 @@ def _rows_without(samples: Samples, left_out: Flags, some: slice) -> Flags:
     """Rows of some samples to which those that are left out hardly contribute, shape (rows, outputs)."""
     if samples.reduction is None:
         return ~left_out[some]
-    return np.asarray(np.abs(samples.reduction.apply(left_out[some].astype(float))) <= _UNKNOWN)
+    return np.asarray(
+        np.abs(samples.reduction.apply(left_out[some].astype(float))) <= _UNKNOWN
+    )
 
 
 def observed(layout: Layout, block: RowBlock) -> Observation:
@@ -275,7 +336,9 @@ def observed(layout: Layout, block: RowBlock) -> Observation:
 
 def stacked(a: Observation, b: Observation) -> Observation:
     """The observation of both sets of rows, like their sum, on one thread."""
-    factors = tuple(upper_triangle(b, start=a) for a, b in zip(a.factors, b.factors, strict=True))
+    factors = tuple(
+        upper_triangle(b, start=a) for a, b in zip(a.factors, b.factors, strict=True)
+    )
     counts = tuple(m + n for m, n in zip(a.counts, b.counts, strict=True))
     return Observation(a.layout, factors, counts)
 
@@ -287,10 +350,15 @@ def _empty(layout: Layout) -> Observation:
 
 def plain(samples: Samples) -> bool:
     """Whether samples need no filter and lose no rows, so that they can be factored without forming rows."""
-    return samples.reduction is None and samples.moving is None and samples.pinned is None
+    return (
+        samples.reduction is None and samples.moving is None and samples.pinned is None
+    )
 
 
 def _check_outputs(samples: Samples, layout: Layout) -> None:
     if samples.y is None:
         names = ", ".join(layout.outputs)
-        raise InputError(f"the log holds no measured outputs; expected {names}", source=samples.source)
+        raise InputError(
+            f"the log holds no measured outputs; expected {names}",
+            source=samples.source,
+        )

@@ -30,7 +30,13 @@ from echelon.doors import public
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.servos.servo_limits import Limits
-from echelon.identification.servos.servo_motion import OutputErrorProblem, ServoMotion, Solution, Windows, smooth
+from echelon.identification.servos.servo_motion import (
+    OutputErrorProblem,
+    ServoMotion,
+    Solution,
+    Windows,
+    smooth,
+)
 from echelon.identification.servos.servo_start import (
     inertial,
     positive_parameters,
@@ -54,7 +60,9 @@ _VAGUE = 5.0  # per cent
 _WELL = 0.98  # R² of positions
 _LAG = 0.9  # share of the lag behind the commands that a servo with gain and friction explains at least
 _SEEN = 0.005  # of the samples, that have to be beyond a limit
-_CLEARLY = 2.0  # as much as an encoder's steps leave, from which on something is missing
+_CLEARLY = (
+    2.0  # as much as an encoder's steps leave, from which on something is missing
+)
 _WORTH = 0.1  # by which more limits reduce the logarithms of what is left
 _STEPS = 1.0  # of the encoder, up to which an rms is that of its steps
 
@@ -138,22 +146,37 @@ class ServoFit:
     def reasons(self) -> tuple[str, ...]:
         """Why the model should not be used; empty if nothing speaks against it."""
         scores = self.held_out or self.fitted
-        found = [f"joint '{s.joint}' is not where the model says (R² {s.r2:.3f})" for s in scores if not s.r2 >= _WELL]
+        found = [
+            f"joint '{s.joint}' is not where the model says (R² {s.r2:.3f})"
+            for s in scores
+            if not s.r2 >= _WELL
+        ]
         found += [
             f"of what joint '{s.joint}' lags behind its commands the model explains {max(s.lag_r2, 0):.0%} only: "
             "is there backlash, or does its controller do more than pull with a gain up to a limit?"
             for s in scores
             if s.r2 >= _WELL and s.lags
         ]
-        return (*found, *(() if self.converged else ("the steps of the fit did not come to an end",)))
+        return (
+            *found,
+            *(
+                ()
+                if self.converged
+                else ("the steps of the fit did not come to an end",)
+            ),
+        )
 
     def __repr__(self) -> str:
-        worst = min((score.r2 for score in self.held_out or self.fitted), default=float("nan"))
+        worst = min(
+            (score.r2 for score in self.held_out or self.fitted), default=float("nan")
+        )
         return f"ServoFit({self.base.mechanism.name}: {self.base.rank} parameters, R² at least {worst:.3f})"
 
 
 @public
-def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None = None) -> ServoFit:
+def fit_servos(
+    setup: Any, logs: Any, *, on_step: Callable[[str], None] | None = None
+) -> ServoFit:
     """Fit servo gains, friction and base parameters to measured positions and position commands.
 
     Parameters
@@ -196,29 +219,55 @@ def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None =
 
         step("finding starting values")
         q, qd, qdd = smooth_states(segments)
-        X = base.regressor(q, qd, qdd, inputs={name: np.zeros(len(q)) for name in names})
+        X = base.regressor(
+            q, qd, qdd, inputs={name: np.zeros(len(q)) for name in names}
+        )
         speed = float(max(np.sqrt(np.mean(qd**2)), 1e-3))  # rad/s or m/s
         moving = replace(base, mechanism=smooth(mechanism, _STILL * speed))
-        motion = ServoMotion(moving, names, tuple(base.pivots.index(servo_joints(mechanism)[n]) for n in names))
+        motion = ServoMotion(
+            moving,
+            names,
+            tuple(base.pivots.index(servo_joints(mechanism)[n]) for n in names),
+        )
         stated = stated_values(setup, base)
-        start, delay, limits = start_values(base, names, segments, X, stated, setup.settings.known)
+        start, delay, limits = start_values(
+            base, names, segments, X, stated, setup.settings.known
+        )
         fixed, hidden = _scales(base, groups, X, start, setup.settings.known)
 
         step("simulating")
         problem = OutputErrorProblem(
-            motion, windows, start, delay, limits, positive_parameters(base), prior_rows(setup, base), fixed
+            motion,
+            windows,
+            start,
+            delay,
+            limits,
+            positive_parameters(base),
+            prior_rows(setup, base),
+            fixed,
         )
         solution = _shown(problem, problem.solve(step), step)
         more = _more_limits(motion, windows, solution)
         if more.active != solution.limits.active:
-            other = _shown(problem, replace(problem, delay=solution.delay, limits=more).solve(step), step)
-            worth = np.sum(np.log(other.noise)) < np.sum(np.log(solution.noise)) - _WORTH
+            other = _shown(
+                problem,
+                replace(problem, delay=solution.delay, limits=more).solve(step),
+                step,
+            )
+            worth = (
+                np.sum(np.log(other.noise)) < np.sum(np.log(solution.noise)) - _WORTH
+            )
             solution = other if worth else solution
         found = _limits(motion, windows, solution)
         step("validating")
         scores = _scores(motion, windows, solution)
         others = () if unseen is None else _scores(motion, unseen, solution)
-    values, covariance, noise, converged = solution.values, solution.covariance, solution.noise, solution.converged
+    values, covariance, noise, converged = (
+        solution.values,
+        solution.covariance,
+        solution.noise,
+        solution.converged,
+    )
     rows = windows.measured.shape[0] * windows.measured.shape[1]
     estimate = Estimate(
         "output error",
@@ -237,7 +286,11 @@ def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None =
         estimate,
         solution.delay,
         float(np.sqrt(covariance[base.rank, base.rank])),
-        (*hidden, *_damping(mechanism, names), *_unclear(estimate, servo_joints(mechanism))),
+        (
+            *hidden,
+            *_damping(mechanism, names),
+            *_unclear(estimate, servo_joints(mechanism)),
+        ),
         scores,
         others,
         (*findings, *(note("servo limits", "", str(limit)) for limit in found)),
@@ -260,9 +313,15 @@ def _checked_joints(mechanism: Mechanism) -> tuple[str, ...]:
             f"joints {', '.join(lacking)} have no servo: add effects '- {{type: servo, at: all}}', or lock "
             "the joints that do not move"
         )
-    geared = any(len(actuator.terms) > 1 for actuator in mechanism.transmission.actuators)
+    geared = any(
+        len(actuator.terms) > 1 for actuator in mechanism.transmission.actuators
+    )
     outputs = tuple(output.name for output in mechanism.outputs)
-    if mechanism.couplings or geared or not mechanism.positions == mechanism.independent_velocities == outputs:
+    if (
+        mechanism.couplings
+        or geared
+        or not mechanism.positions == mechanism.independent_velocities == outputs
+    ):
         raise InputError(
             "a fit of servos needs a tree of revolute and prismatic joints, each with one servo and without couplings; "
             "leave 'outputs' and 'actuators' out"
@@ -287,7 +346,14 @@ def scale_groups(mechanism: Mechanism) -> tuple[tuple[str, ...], ...]:
 
     groups = [frozenset([output.name]) for output in bare.outputs]
     while True:
-        meeting = next((p for p in combinations(groups, 2) if rank(p[0] | p[1]) < rank(p[0]) + rank(p[1])), None)
+        meeting = next(
+            (
+                p
+                for p in combinations(groups, 2)
+                if rank(p[0] | p[1]) < rank(p[0]) + rank(p[1])
+            ),
+            None,
+        )
         if meeting is None:
             break
         groups = [g for g in groups if g not in meeting] + [meeting[0] | meeting[1]]
@@ -319,7 +385,9 @@ def _scales(
         fixing = [name for name in known if seen[base.pivots.index(name)]]
         what = "all joints" if len(group) == len(outputs) else ", ".join(group)
         if fixing:
-            hidden.append(f"the scale of forces of {what} is that of {', '.join(fixing)}, which was given")
+            hidden.append(
+                f"the scale of forces of {what} is that of {', '.join(fixing)}, which was given"
+            )
             continue
         block = regressor[:, places].reshape(-1, len(start)) * of_bodies
         forces = block @ start
@@ -337,8 +405,18 @@ def _scales(
 
 
 def _damping(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:
-    rubbing = [e.parameter for e in mechanism.effects if any(a.term == "qd" and a.at in names for a in e.actions)]
-    return (f"{', '.join(rubbing)} hold the servos' damping gains as well as viscous friction",) if rubbing else ()
+    rubbing = [
+        e.parameter
+        for e in mechanism.effects
+        if any(a.term == "qd" and a.at in names for a in e.actions)
+    ]
+    return (
+        (
+            f"{', '.join(rubbing)} hold the servos' damping gains as well as viscous friction",
+        )
+        if rubbing
+        else ()
+    )
 
 
 def _unclear(estimate: Estimate, servos: Mapping[str, str]) -> Sequence[str]:
@@ -355,24 +433,36 @@ def _unclear(estimate: Estimate, servos: Mapping[str, str]) -> Sequence[str]:
 # -- data --------------------------------------------------------------------------------------------------------------
 
 
-def _segments(setup: Setup, paths: Sequence[Path]) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
+def _segments(
+    setup: Setup, paths: Sequence[Path]
+) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
     segments: list[Segment] = []
     findings: list[Finding] = []
     names = setup.mechanism.velocities
     for path in paths:
-        for piece in read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate, outputs=False):
+        for piece in read_log(
+            path,
+            setup.mechanism,
+            setup.columns,
+            rate=setup.preparation.rate,
+            outputs=False,
+        ):
             findings += piece.findings
             segments += piece.segments
-            lacking = [name for name in names if any(name not in s.inputs for s in piece.segments)]
+            lacking = [
+                name
+                for name in names
+                if any(name not in s.inputs for s in piece.segments)
+            ]
             if lacking:
-                problem = (
-                    f"the log has no commands of {', '.join(lacking)}: map them as input, {{{lacking[0]}: column}}"
-                )
+                problem = f"the log has no commands of {', '.join(lacking)}: map them as input, {{{lacking[0]}: column}}"
                 raise InputError(problem, source=str(path))
     return tuple(segments), tuple(dict.fromkeys(findings))
 
 
-def _windows(segments: Sequence[Segment], holdout: float) -> tuple[Windows, Windows | None]:
+def _windows(
+    segments: Sequence[Segment], holdout: float
+) -> tuple[Windows, Windows | None]:
     """Windows of the first parts of all segments, and of the last ones."""
     rate = segments[0].rate
     run_in, length = round(_RUN_IN * rate), round(_WINDOW * rate)
@@ -381,38 +471,78 @@ def _windows(segments: Sequence[Segment], holdout: float) -> tuple[Windows, Wind
     for k, segment in enumerate(segments):
         cut = round((1 - holdout) * len(segment))
         first += [(k, b) for b in range(0, cut - run_in - length, length)]
-        last += [(k, b) for b in range(max(cut - run_in, 0), len(segment) - run_in - length, length)] if holdout else []
+        last += (
+            [
+                (k, b)
+                for b in range(
+                    max(cut - run_in, 0), len(segment) - run_in - length, length
+                )
+            ]
+            if holdout
+            else []
+        )
     if any(abs(s.rate / rate - 1) > 1e-3 for s in segments):
-        raise InputError("the logs have different rates: give one under preparation: rate")
+        raise InputError(
+            "the logs have different rates: give one under preparation: rate"
+        )
     if not first:
-        raise InputError(f"no stretch is as long as {_RUN_IN + _WINDOW:g} s within the part that is fitted")
+        raise InputError(
+            f"no stretch is as long as {_RUN_IN + _WINDOW:g} s within the part that is fitted"
+        )
 
     def made(some: list[tuple[int, int]]) -> Windows:
-        return Windows(tuple(segments), np.array(some, dtype=np.intp), run_in, length, rate)
+        return Windows(
+            tuple(segments), np.array(some, dtype=np.intp), run_in, length, rate
+        )
 
     return made(first), made(last) if last else None
 
 
-def _scores(motion: ServoMotion, windows: Windows, solution: Solution) -> tuple[ServoScore, ...]:
+def _scores(
+    motion: ServoMotion, windows: Windows, solution: Solution
+) -> tuple[ServoScore, ...]:
     found = motion.positions(windows, solution.values, solution.delay, solution.limits)
-    measured, commands = windows.measured, _commanded(motion, windows, 0.0, Limits.none(len(motion.names)))
+    measured, commands = (
+        windows.measured,
+        _commanded(motion, windows, 0.0, Limits.none(len(motion.names))),
+    )
     squares = np.mean((found - measured) ** 2, axis=(0, 1))
     spread = np.var(measured.reshape(-1, measured.shape[2]), axis=0)
     lag = np.mean((commands - measured) ** 2, axis=(0, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         return tuple(
-            ServoScore(name, float(np.sqrt(s)), float(1 - s / v), float(1 - s / g), resolution(q.ravel()) or 0.0)
-            for name, s, v, g, q in zip(motion.names, squares, spread, lag, np.moveaxis(measured, 2, 0), strict=True)
+            ServoScore(
+                name,
+                float(np.sqrt(s)),
+                float(1 - s / v),
+                float(1 - s / g),
+                resolution(q.ravel()) or 0.0,
+            )
+            for name, s, v, g, q in zip(
+                motion.names,
+                squares,
+                spread,
+                lag,
+                np.moveaxis(measured, 2, 0),
+                strict=True,
+            )
         )
 
 
-def _commanded(motion: ServoMotion, windows: Windows, delay: float, limits: Limits) -> Floats:
+def _commanded(
+    motion: ServoMotion, windows: Windows, delay: float, limits: Limits
+) -> Floats:
     """Commands at the samples that count, shape (W, length, n)."""
-    means, last = windows.commands(motion.names, delay, limits).means, (windows.run_in + 1) * windows.substeps - 1
+    means, last = (
+        windows.commands(motion.names, delay, limits).means,
+        (windows.run_in + 1) * windows.substeps - 1,
+    )
     return np.moveaxis(means[last :: windows.substeps], 0, 1)
 
 
-def _limits(motion: ServoMotion, windows: Windows, solution: Solution) -> tuple[ServoLimit, ...]:
+def _limits(
+    motion: ServoMotion, windows: Windows, solution: Solution
+) -> tuple[ServoLimit, ...]:
     """The limits of a solution, with their deviations and the share of samples that show them."""
     limits, count = solution.limits, len(solution.values) + 1
     followed = _commanded(motion, windows, solution.delay, limits)
@@ -432,27 +562,47 @@ def _limits(motion: ServoMotion, windows: Windows, solution: Solution) -> tuple[
             float(std),
             float(np.mean(beyond[kind][..., joint])) if std < value / 2 else 0.0,
         )
-        for (kind, joint), value, std in zip(limits.active, limits.values, stds, strict=True)
+        for (kind, joint), value, std in zip(
+            limits.active, limits.values, stds, strict=True
+        )
     )
 
 
-def _shown(problem: OutputErrorProblem, solution: Solution, step: Callable[[str], None]) -> Solution:
+def _shown(
+    problem: OutputErrorProblem, solution: Solution, step: Callable[[str], None]
+) -> Solution:
     """A solution with those limits only that the data show."""
     motion, found = problem.motion, _limits(problem.motion, problem.windows, solution)
-    doubtful = [(some.kind, motion.names.index(some.joint)) for some in found if some.share < _SEEN]
+    doubtful = [
+        (some.kind, motion.names.index(some.joint))
+        for some in found
+        if some.share < _SEEN
+    ]
     if not doubtful:
         return solution
-    return replace(problem, delay=solution.delay, limits=solution.limits.without(doubtful)).solve(step)
+    return replace(
+        problem, delay=solution.delay, limits=solution.limits.without(doubtful)
+    ).solve(step)
 
 
 def _more_limits(motion: ServoMotion, windows: Windows, solution: Solution) -> Limits:
     """The limits with a dead band and a limit of torque at joints whose encoders show that something is missing."""
     limits = solution.limits
-    error = np.abs(_commanded(motion, windows, solution.delay, limits) - windows.measured)
+    error = np.abs(
+        _commanded(motion, windows, solution.delay, limits) - windows.measured
+    )
     for joint, noise in enumerate(solution.noise):
         step = resolution(windows.measured[..., joint].ravel()) or 0.0
         if noise > _CLEARLY * step / np.sqrt(12):
             low, high = np.quantile(error[..., joint], (0.1, 0.98))
-            limits = limits if limits.dead[joint] > 0 else limits.having("dead", joint, float(max(low, 1e-6)))
-            limits = limits if np.isfinite(limits.torque[joint]) else limits.having("torque", joint, float(high))
+            limits = (
+                limits
+                if limits.dead[joint] > 0
+                else limits.having("dead", joint, float(max(low, 1e-6)))
+            )
+            limits = (
+                limits
+                if np.isfinite(limits.torque[joint])
+                else limits.having("torque", joint, float(high))
+            )
     return limits

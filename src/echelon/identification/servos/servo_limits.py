@@ -46,8 +46,18 @@ class Limits:
     @property
     def active(self) -> tuple[tuple[str, int], ...]:
         """Kinds and joints of the limits that there are."""
-        found = dict(zip(LIMITS, (np.isfinite(self.torque), self.dead > 0, np.isfinite(self.speed)), strict=True))
-        return tuple((kind, int(joint)) for kind, some in found.items() for joint in np.flatnonzero(some))
+        found = dict(
+            zip(
+                LIMITS,
+                (np.isfinite(self.torque), self.dead > 0, np.isfinite(self.speed)),
+                strict=True,
+            )
+        )
+        return tuple(
+            (kind, int(joint))
+            for kind, some in found.items()
+            for joint in np.flatnonzero(some)
+        )
 
     @property
     def values(self) -> Floats:
@@ -111,9 +121,13 @@ class Limits:
             late = np.abs(way) > speed * part
             edges = now + np.where(late, np.sign(way) * speed * part, way)
             by_speed = np.where(late, slope + np.sign(way) * part, 0.0)
-            ramp = late[1:] | (late[:-1] & (part[:-1] > 0))  # else the goal is there at once
+            ramp = late[1:] | (
+                late[:-1] & (part[:-1] > 0)
+            )  # else the goal is there at once
             for means, values in ((found, edges), (slopes, by_speed)):
-                means.append(np.where(ramp, 0.5 * (values[:-1] + values[1:]), values[1:]))
+                means.append(
+                    np.where(ramp, 0.5 * (values[:-1] + values[1:]), values[1:])
+                )
             now, slope = edges[-1], by_speed[-1]
         return np.concatenate(found), np.concatenate(slopes)
 
@@ -122,13 +136,20 @@ def _clipped(values: Floats, limit: Floats, corner: float) -> Floats:
     """clip(x, ±s) with corners that are rounded within a share of s."""
     if not corner:
         return np.clip(values, -limit, limit)
-    found: Floats = 0.5 * (np.hypot(values + limit, corner * limit) - np.hypot(values - limit, corner * limit))
+    found: Floats = 0.5 * (
+        np.hypot(values + limit, corner * limit)
+        - np.hypot(values - limit, corner * limit)
+    )
     return found
 
 
 def _slopes(values: Floats, limit: Floats, corner: float) -> tuple[Floats, Floats]:
     """Its derivatives by x and by s."""
     width = corner * limit
-    above, below = (np.maximum(np.hypot(values + side * limit, width), 1e-300) for side in (1, -1))
+    above, below = (
+        np.maximum(np.hypot(values + side * limit, width), 1e-300) for side in (1, -1)
+    )
     up, down = (values + limit) / above, (values - limit) / below
-    return 0.5 * (up - down), 0.5 * (up + down) + 0.5 * corner * width * (1 / above - 1 / below)
+    return 0.5 * (up - down), 0.5 * (up + down) + 0.5 * corner * width * (
+        1 / above - 1 / below
+    )

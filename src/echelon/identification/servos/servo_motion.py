@@ -44,7 +44,10 @@ _SIGN = re.compile(r"sign\(")
 def smooth(mechanism: Mechanism, speed: float) -> Mechanism:
     """The mechanism with friction that turns its sign within some speed, rad/s or m/s: tanh(q̇/speed)."""
     effects = tuple(
-        replace(e, actions=tuple(replace(a, term=_smoothed(a.term, speed)) for a in e.actions))
+        replace(
+            e,
+            actions=tuple(replace(a, term=_smoothed(a.term, speed)) for a in e.actions),
+        )
         for e in mechanism.effects
     )
     return replace(mechanism, effects=effects)
@@ -87,14 +90,21 @@ class Windows:
     def measured(self) -> Floats:
         """Positions that count, shape (W, length, n)."""
         first = self.run_in + 1
-        return np.stack([self.segments[k].signals["q"][b + first : b + first + self.length] for k, b in self.begins])
+        return np.stack(
+            [
+                self.segments[k].signals["q"][b + first : b + first + self.length]
+                for k, b in self.begins
+            ]
+        )
 
     @cached_property
     def start(self) -> tuple[Floats, Floats]:
         """Measured positions, and velocities as differences, where the windows begin, shapes (W, n)."""
         q = np.stack([self.segments[k].signals["q"][b] for k, b in self.begins])
         after = np.stack([self.segments[k].signals["q"][b + 1] for k, b in self.begins])
-        before = np.stack([self.segments[k].signals["q"][max(b - 1, 0)] for k, b in self.begins])
+        before = np.stack(
+            [self.segments[k].signals["q"][max(b - 1, 0)] for k, b in self.begins]
+        )
         spans = np.where(self.begins[:, 1] > 0, 2.0, 1.0)
         return q, (after - before) / spans[:, None] * self.rate
 
@@ -102,20 +112,33 @@ class Windows:
         """Followed commands in the steps of all windows."""
         steps = (self.run_in + self.length) * self.substeps
         edges = np.arange(steps + 1) * self.step
-        asked = [np.stack([segment.inputs[name] for name in names], axis=1) for segment in self.segments]
+        asked = [
+            np.stack([segment.inputs[name] for name in names], axis=1)
+            for segment in self.segments
+        ]
         rate, followed = self.rate, [(held, np.zeros_like(held)) for held in asked]
         if np.isfinite(limits.speed).any():
-            rate, followed = 1 / self.step, [limits.followed(held, self.rate, self.substeps) for held in asked]
+            rate, followed = (
+                1 / self.step,
+                [limits.followed(held, self.rate, self.substeps) for held in asked],
+            )
         values, shares, slopes = [], [], []
         for k, first in self.begins:
             held, by_speed = followed[k]
-            late = (first / self.rate + edges - delay) * rate  # in samples; before the first its value is taken
+            late = (
+                first / self.rate + edges - delay
+            ) * rate  # in samples; before the first its value is taken
             place = np.clip(np.floor(late + 1e-9).astype(np.intp), 0, len(held) - 1)
             after = np.clip((late - place)[1:] / (rate * self.step), 0.0, 1.0)
             values.append([held[place[:-1]], held[place[1:]]])
             slopes.append([by_speed[place[:-1]], by_speed[place[1:]]])
             shares.append(np.stack([1 - after, after])[..., None])
-        return Commands(*(np.moveaxis(np.array(some), (0, 2), (2, 0)) for some in (values, slopes, shares)))
+        return Commands(
+            *(
+                np.moveaxis(np.array(some), (0, 2), (2, 0))
+                for some in (values, slopes, shares)
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -123,7 +146,9 @@ class Commands:
     """Commands before and after they change, which they do once in a step at most."""
 
     values: Floats  # shape (steps, 2, W, n)
-    by_speed: Floats  # derivatives by the speed that limits them, shape (steps, 2, W, n)
+    by_speed: (
+        Floats  # derivatives by the speed that limits them, shape (steps, 2, W, n)
+    )
     shares: Floats  # of the step, shape (steps, 2, W, 1)
 
     @property
@@ -141,21 +166,53 @@ class ServoMotion:
     names: tuple[str, ...]  # joints
     gains: tuple[int, ...]  # places of the servos' gains among the base parameters
 
-    def positions(self, windows: Windows, values: Floats, delay: float, limits: Limits | None = None) -> Floats:
+    def positions(
+        self,
+        windows: Windows,
+        values: Floats,
+        delay: float,
+        limits: Limits | None = None,
+    ) -> Floats:
         """Simulated positions, shape (W, length, n); nan if the motion cannot be computed."""
-        return self._run(windows, values, delay, limits or Limits.none(len(self.names)), derivatives=False)[0]
+        return self._run(
+            windows,
+            values,
+            delay,
+            limits or Limits.none(len(self.names)),
+            derivatives=False,
+        )[0]
 
     def derivatives(
-        self, windows: Windows, values: Floats, delay: float, limits: Limits | None = None
+        self,
+        windows: Windows,
+        values: Floats,
+        delay: float,
+        limits: Limits | None = None,
     ) -> tuple[Floats, Floats]:
         """The same and derivatives by parameters, delay, limits, first states, shape (W, length, n, r + 1 + l + 2n)."""
-        return self._run(windows, values, delay, limits or Limits.none(len(self.names)), derivatives=True)
+        return self._run(
+            windows,
+            values,
+            delay,
+            limits or Limits.none(len(self.names)),
+            derivatives=True,
+        )
 
     def _run(
-        self, windows: Windows, values: Floats, delay: float, limits: Limits, *, derivatives: bool
+        self,
+        windows: Windows,
+        values: Floats,
+        delay: float,
+        limits: Limits,
+        *,
+        derivatives: bool,
     ) -> tuple[Floats, Floats]:
         q, v = windows.start
-        h, n, count = windows.step, q.shape[1], len(values) + 1 + len(limits.active) + 2 * q.shape[1]
+        h, n, count = (
+            windows.step,
+            q.shape[1],
+            len(values) + 1 + len(limits.active) + 2 * q.shape[1],
+        )
         commands = windows.commands(self.names, delay, limits)
         a = np.zeros_like(q)
         by_q = np.zeros((*q.shape, count if derivatives else 0))
@@ -176,11 +233,15 @@ class ServoMotion:
             a, middle, speed, newton = solved
             if derivatives:
                 newton = self._newton(middle, speed, a, values, servos, h) or newton
-                by_a = self._change(middle, speed, a, servos, values, newton, by_q, by_v, h)
+                by_a = self._change(
+                    middle, speed, a, servos, values, newton, by_q, by_v, h
+                )
                 by_q = by_q + h * by_v + h**2 / 2 * by_a
                 by_v = by_v + h * by_a
             q, v = q + h * speed, v + h * a
-            if (k + 1) % windows.substeps == 0 and (k + 1) // windows.substeps > windows.run_in:
+            if (k + 1) % windows.substeps == 0 and (
+                k + 1
+            ) // windows.substeps > windows.run_in:
                 found.append(q)
                 slopes.append(by_q)
         return np.stack(found, axis=1), np.stack(slopes, axis=1)
@@ -202,7 +263,9 @@ class ServoMotion:
             # slopes change little from step to step, and cost the most, but for friction that turns its sign
             if newton is None or count % _KEPT == 0 or count > 2 * _KEPT:
                 newton = self._newton(middle, speed, a, values, servos, h)
-            rest = self.base.predict(middle, speed, a, values, inputs=servos.inputs(middle))
+            rest = self.base.predict(
+                middle, speed, a, values, inputs=servos.inputs(middle)
+            )
             if newton is None or not np.isfinite(rest).all():
                 return None
             change = np.linalg.solve(newton[0], rest[..., None])[..., 0]
@@ -211,12 +274,19 @@ class ServoMotion:
                 return a, middle, speed, newton
         return None
 
-    def _newton(self, q: Floats, v: Floats, a: Floats, values: Floats, servos: _Servos, h: float) -> Slopes | None:
+    def _newton(
+        self, q: Floats, v: Floats, a: Floats, values: Floats, servos: _Servos, h: float
+    ) -> Slopes | None:
         """Newton's matrix, and slopes by positions and velocities; None where the matrix is singular."""
-        by_q, by_v = self.base.inverse_dynamics_derivatives(q, v, a, values, inputs=servos.inputs(q))
+        by_q, by_v = self.base.inverse_dynamics_derivatives(
+            q, v, a, values, inputs=servos.inputs(q)
+        )
         by_q = servos.with_stiffness(by_q, q)
         matrix = self.base.mass_matrix(q, values) + h / 2 * by_v + h**2 / 4 * by_q
-        regular = np.isfinite(matrix).all() and np.linalg.cond(matrix).max() < 1 / np.finfo(float).eps
+        regular = (
+            np.isfinite(matrix).all()
+            and np.linalg.cond(matrix).max() < 1 / np.finfo(float).eps
+        )
         return (matrix, by_q, by_v) if regular else None
 
     def _change(
@@ -234,7 +304,9 @@ class ServoMotion:
         """Derivatives of the accelerations of a step, shape (W, n, r + 1 + l + 2n)."""
         matrix, slope_q, slope_v = newton
         right = slope_q @ (by_q + h / 2 * by_v) + slope_v @ by_v
-        right[:, :, : len(values)] += self.base.regressor(middle, speed, a, inputs=servos.inputs(middle))
+        right[:, :, : len(values)] += self.base.regressor(
+            middle, speed, a, inputs=servos.inputs(middle)
+        )
         driven = servos.slopes(middle, h)
         right[:, :, len(values) : len(values) + driven.shape[2]] -= driven
         return np.asarray(-np.linalg.solve(matrix, right), dtype=np.float64)
@@ -262,14 +334,20 @@ class _Servos:
     def inputs(self, q: Floats) -> dict[str, Floats]:
         """Commands that servos without limits would pull alike for, by joint."""
         limited = self._are_limited
-        u = q + self._mean(self.limits.held(self.commands - q)) if limited else self._mean(self.commands)
+        u = (
+            q + self._mean(self.limits.held(self.commands - q))
+            if limited
+            else self._mean(self.commands)
+        )
         return dict(zip(self.names, u.T, strict=True))
 
     def with_stiffness(self, by_q: Floats, q: Floats) -> Floats:
         """Derivatives of the forces by positions, (W, n, n), where servos at their limits pull no more."""
         if not self._are_limited:
             return by_q
-        missing = self.gains * (self._mean(self.limits.pull(self.commands - q).by_error) - 1)
+        missing = self.gains * (
+            self._mean(self.limits.pull(self.commands - q).by_error) - 1
+        )
         return by_q + missing[:, :, None] * np.eye(len(self.names))
 
     def slopes(self, q: Floats, h: float) -> Floats:
@@ -277,7 +355,11 @@ class _Servos:
         pull, active = self.limits.pull(self.commands - q), self.limits.active
         found = np.zeros((*q.shape, 1 + len(active)))
         found[:, :, 0] = self.gains * (pull.value[0] - pull.value[1]) / h
-        by = {"torque": pull.by_torque, "dead": pull.by_dead, "speed": pull.by_error * self.by_speed}
+        by = {
+            "torque": pull.by_torque,
+            "dead": pull.by_dead,
+            "speed": pull.by_error * self.by_speed,
+        }
         for place, (kind, j) in enumerate(active, 1):
             found[:, j, place] = self.gains[j] * self._mean(by[kind])[:, j]
         return found
@@ -319,10 +401,14 @@ class OutputErrorProblem:
         """The values from which the motion is nearest to the measured one."""
         values = np.concatenate([self.start, [self.delay], self.limits.values])
         for corner in (_ROUNDED, 0.0) if self.limits.active else (0.0,):
-            values, solution = replace(self, limits=replace(self.limits, corner=corner))._descended(values, step)
+            values, solution = replace(
+                self, limits=replace(self.limits, corner=corner)
+            )._descended(values, step)
         return solution
 
-    def _descended(self, values: Floats, step: Callable[[str], None]) -> tuple[Floats, Solution]:
+    def _descended(
+        self, values: Floats, step: Callable[[str], None]
+    ) -> tuple[Floats, Solution]:
         """The same from some values on, corners of limits being as rounded as they are."""
         free = self._free()
         rest, slopes = self._linearised(values)
@@ -336,22 +422,46 @@ class OutputErrorProblem:
             count += 1
             step(f"simulating (step {count} of at most {_STEPS})")
             hessian, gradient = self._normal(rest, slopes, noise, values, free)
-            change = -np.linalg.solve(hessian + damping * np.diag(_sizes(hessian)), gradient)
+            change = -np.linalg.solve(
+                hessian + damping * np.diag(_sizes(hessian)), gradient
+            )
             tried = self._moved(values, free @ change)
             new, new_slopes = self._linearised(tried, noise)
             worse = self._cost(new, noise, tried) - self._cost(rest, noise, values)
-            if worse <= _SETTLED * len(change):  # what first states explain changes a little from step to step
-                converged = bool(self._distance(tried - values, slopes, noise) < _SETTLED * np.sqrt(len(change)))
-                values, rest, slopes, noise, damping = tried, new, new_slopes, _noise(new), max(damping / 5, 1e-9)
+            if worse <= _SETTLED * len(
+                change
+            ):  # what first states explain changes a little from step to step
+                converged = bool(
+                    self._distance(tried - values, slopes, noise)
+                    < _SETTLED * np.sqrt(len(change))
+                )
+                values, rest, slopes, noise, damping = (
+                    tried,
+                    new,
+                    new_slopes,
+                    _noise(new),
+                    max(damping / 5, 1e-9),
+                )
             else:
                 damping *= 8
         inflated = noise * np.sqrt(_inflation(rest))
         hessian, _ = self._normal(rest, slopes, inflated, values, free)
         scale = 1 / np.sqrt(_sizes(hessian))
-        inverse = scale[:, None] * np.linalg.pinv(hessian * np.outer(scale, scale), hermitian=True) * scale
+        inverse = (
+            scale[:, None]
+            * np.linalg.pinv(hessian * np.outer(scale, scale), hermitian=True)
+            * scale
+        )
         r = len(self.start)
         limits = self.limits.moved(values[r + 1 :])
-        return values, Solution(values[:r], float(values[r]), limits, free @ inverse @ free.T, noise, converged)
+        return values, Solution(
+            values[:r],
+            float(values[r]),
+            limits,
+            free @ inverse @ free.T,
+            noise,
+            converged,
+        )
 
     def _free(self) -> Floats:
         """Basis of the changes that are allowed, of parameters, delay and limits, shape (r + 1 + l, d)."""
@@ -367,30 +477,53 @@ class OutputErrorProblem:
     def _moved(self, values: Floats, change: Floats) -> Floats:
         """Values after a step that leaves positive ones positive: their logarithms change, by no more than 1."""
         tried = values + change
-        some = np.flatnonzero(np.concatenate([self.positive, [False], np.ones(len(self.limits.values), dtype=bool)]))
-        tried[some] = values[some] * np.exp(np.clip(change[some] / values[some], -1.0, 1.0))
+        some = np.flatnonzero(
+            np.concatenate(
+                [self.positive, [False], np.ones(len(self.limits.values), dtype=bool)]
+            )
+        )
+        tried[some] = values[some] * np.exp(
+            np.clip(change[some] / values[some], -1.0, 1.0)
+        )
         return tried
 
-    def _linearised(self, values: Floats, noise: Floats | None = None) -> tuple[Floats, Floats]:
+    def _linearised(
+        self, values: Floats, noise: Floats | None = None
+    ) -> tuple[Floats, Floats]:
         """What is left of positions, and its derivatives, apart from what first states explain."""
         r, n = len(self.start), len(self.motion.names)
         limits = self.limits.moved(values[r + 1 :])
-        found, slopes = self.motion.derivatives(self.windows, values[:r], float(values[r]), limits)
+        found, slopes = self.motion.derivatives(
+            self.windows, values[:r], float(values[r]), limits
+        )
         rest = found - self.windows.measured
         if not np.isfinite(rest).all():
             return rest, slopes[..., : -2 * n]
         noise = _noise(rest) if noise is None else noise
         states = np.concatenate([noise, _FIRST * self.windows.rate * noise])
         both = np.concatenate([rest[..., None], slopes[..., : -2 * n]], axis=3)
-        both = _apart(both / noise[:, None], slopes[..., -2 * n :] * states / noise[:, None]) * noise[:, None]
+        both = (
+            _apart(
+                both / noise[:, None], slopes[..., -2 * n :] * states / noise[:, None]
+            )
+            * noise[:, None]
+        )
         return both[..., 0], both[..., 1:]
 
     def _cost(self, rest: Floats, noise: Floats, values: Floats) -> float:
-        return float(np.sum((rest / noise) ** 2) + np.sum((self.prior @ (values[: len(self.start)] - self.start)) ** 2))
+        return float(
+            np.sum((rest / noise) ** 2)
+            + np.sum((self.prior @ (values[: len(self.start)] - self.start)) ** 2)
+        )
 
     def _distance(self, change: Floats, slopes: Floats, noise: Floats) -> float:
         """Standard deviations by which values move."""
-        return float(np.hypot(norm(slopes @ change / noise), norm(self.prior @ change[: len(self.start)])))
+        return float(
+            np.hypot(
+                norm(slopes @ change / noise),
+                norm(self.prior @ change[: len(self.start)]),
+            )
+        )
 
     def _normal(
         self, rest: Floats, slopes: Floats, noise: Floats, values: Floats, free: Floats
@@ -400,13 +533,17 @@ class OutputErrorProblem:
         r = len(self.start)
         prior = self.prior @ free[:r]
         hessian = along.T @ along + prior.T @ prior
-        gradient = along.T @ weighted + prior.T @ (self.prior @ (values[:r] - self.start))
+        gradient = along.T @ weighted + prior.T @ (
+            self.prior @ (values[:r] - self.start)
+        )
         return hessian, gradient
 
 
 def _apart(values: Floats, states: Floats) -> Floats:
     """Values (W, length, n, …) in units of noise that is white again where first states add theirs, (…, 2n) each."""
-    table, by = (some.reshape(len(some), -1, some.shape[3]) for some in (values, states))
+    table, by = (
+        some.reshape(len(some), -1, some.shape[3]) for some in (values, states)
+    )
     left, singular, _ = np.linalg.svd(by, full_matrices=False)
     kept = 1 / np.sqrt(1 + singular**2)
     found = table + left @ ((kept - 1)[:, :, None] * (left.swapaxes(1, 2) @ table))

@@ -41,7 +41,9 @@ def servo_joints(mechanism: Mechanism) -> dict[str, str]:
 
 def inertial(base: BaseModel) -> Floats:
     """1 for base parameters of bodies, 0 for those of effects, shape (r,)."""
-    return np.array([float(base.mechanism.columns[p].body is not None) for p in base.matrix.pivots])
+    return np.array(
+        [float(base.mechanism.columns[p].body is not None) for p in base.matrix.pivots]
+    )
 
 
 def _band(rate: float) -> float:
@@ -62,7 +64,11 @@ def stated_values(setup: Setup, base: BaseModel) -> Floats:
     mechanism = setup.prior or setup.mechanism
     given = dict(zip(mechanism.parameters, mechanism.standard_values(), strict=True))
     standard = [given.get(name) for name in setup.mechanism.parameters]
-    lacking = [c.name for c, v in zip(setup.mechanism.columns, standard, strict=True) if v is None and c.body]
+    lacking = [
+        c.name
+        for c, v in zip(setup.mechanism.columns, standard, strict=True)
+        if v is None and c.body
+    ]
     if lacking:
         raise InputError(
             f"the robot's file gives no values of {', '.join(lacking[:4])}{' …' * (len(lacking) > 4)}: a fit of servos "
@@ -89,7 +95,9 @@ def start_values(
     start, servos = stated.copy(), servo_joints(base.mechanism)
     for name, value in known.items():
         if name not in base.pivots:
-            raise InputError(f"'{name}' is not a base parameter", element="identification.known")
+            raise InputError(
+                f"'{name}' is not a base parameter", element="identification.known"
+            )
         start[base.pivots.index(name)] = value
     bodies, given = inertial(base) > 0, np.isin(base.pivots, list(known))
     gains = [base.pivots.index(servos[name]) for name in names]
@@ -109,8 +117,12 @@ def start_values(
         )
     for (shares, weight, certain, _), row, gain in zip(found, rows, gains, strict=True):
         if not given[gain]:
-            start[gain] = 1 / weight if certain else np.median(told or start[gains][given[gains]])
-        start[row.free] = np.where(row.positive, np.maximum(shares, _SLIGHT), shares) * start[gain]
+            start[gain] = (
+                1 / weight if certain else np.median(told or start[gains][given[gains]])
+            )
+        start[row.free] = (
+            np.where(row.positive, np.maximum(shares, _SLIGHT), shares) * start[gain]
+        )
     return start, delay, limits
 
 
@@ -119,16 +131,25 @@ def _limited(
 ) -> tuple[list[tuple[Floats, float, bool, float]], float, Limits]:
     """What each joint's row gives with the delay and the limits of servos that leave least."""
 
-    def solved(delay: float, limits: Limits) -> tuple[list[tuple[Floats, float, bool, float]], Floats]:
+    def solved(
+        delay: float, limits: Limits
+    ) -> tuple[list[tuple[Floats, float, bool, float]], Floats]:
         pulls = _pulls(segments, names, delay, limits)
         found = [row.solved(pull) for row, pull in zip(rows, pulls.T, strict=True)]
-        return found, np.array([one[3] / max(pull @ pull, 1e-300) for one, pull in zip(found, pulls.T, strict=True)])
+        return found, np.array(
+            [
+                one[3] / max(pull @ pull, 1e-300)
+                for one, pull in zip(found, pulls.T, strict=True)
+            ]
+        )
 
     limits = Limits.none(len(names))
     delay = min(_DELAYS, key=lambda d: solved(d, limits)[1].sum())
     found, left = solved(delay, limits)
     errors = np.abs(_errors(segments, names, delay, limits))
-    speeds = np.abs(np.vstack([np.diff(s.signals["q"], axis=0) * s.rate for s in segments]))
+    speeds = np.abs(
+        np.vstack([np.diff(s.signals["q"], axis=0) * s.rate for s in segments])
+    )
     candidates = {
         "torque": np.quantile(errors, _SATURATED, axis=0),
         "speed": np.quantile(speeds, _SATURATED, axis=0),
@@ -142,7 +163,9 @@ def _limited(
                 misfit = solved(delay, tried)[1]
                 for joint in map(int, np.flatnonzero(misfit < best)):
                     for other in LIMITS:
-                        of = of.having(other, joint, float(getattr(limits, other)[joint]))
+                        of = of.having(
+                            other, joint, float(getattr(limits, other)[joint])
+                        )
                     of = of.having(kind, joint, float(level[joint]))
                 best = np.minimum(best, misfit)
         if of.active == limits.active:
@@ -153,19 +176,25 @@ def _limited(
     return found, delay, limits
 
 
-def _errors(segments: Sequence[Segment], names: Sequence[str], delay: float, limits: Limits) -> Floats:
+def _errors(
+    segments: Sequence[Segment], names: Sequence[str], delay: float, limits: Limits
+) -> Floats:
     """Commands as servos hold and follow them, late by a delay, less positions, shape (N, n)."""
     parts = []
     for s in segments:
         times = np.arange(len(s)) / s.rate
         asked = np.stack([s.inputs[name] for name in names], axis=1)
         held = limits.followed(asked, s.rate, 1)[0]
-        late = [np.interp(times - delay - 0.5 / s.rate, times, column) for column in held.T]
+        late = [
+            np.interp(times - delay - 0.5 / s.rate, times, column) for column in held.T
+        ]
         parts.append(np.stack(late, axis=1) - s.signals["q"])
     return np.vstack(parts)
 
 
-def _pulls(segments: Sequence[Segment], names: Sequence[str], delay: float, limits: Limits) -> Floats:
+def _pulls(
+    segments: Sequence[Segment], names: Sequence[str], delay: float, limits: Limits
+) -> Floats:
     """Smooth pulls of the servos over their gains, shape (N, n)."""
     pulls = limits.held(_errors(segments, names, delay, limits))
     ends = np.cumsum([len(s) for s in segments])
@@ -192,15 +221,27 @@ class _Row:
         low = np.where(np.append(self.positive, True), 0.0, -np.inf)
         found = lsq_linear(columns / scales, pull, (low, np.inf)).x
         squares = float(np.sum((pull - columns / scales @ found) ** 2))
-        inverse = np.linalg.pinv((columns / scales).T @ (columns / scales), hermitian=True)
+        inverse = np.linalg.pinv(
+            (columns / scales).T @ (columns / scales), hermitian=True
+        )
         error = np.sqrt(squares / len(pull) * inverse[-1, -1])
-        return found[:-1] / scales[:-1], float(found[-1] / scales[-1]), bool(found[-1] > _CERTAIN * error), squares
+        return (
+            found[:-1] / scales[:-1],
+            float(found[-1] / scales[-1]),
+            bool(found[-1] > _CERTAIN * error),
+            squares,
+        )
 
 
 def positive_parameters(base: BaseModel) -> Flags:
     """Base parameters that are positive: gains, friction and rotor inertia."""
     terms = {e.parameter: {a.term for a in e.actions} for e in base.mechanism.effects}
-    return np.array([bool(terms.get(p, {""}) <= {"qd", "sign(qd)", "qdd", _SERVO}) for p in base.pivots])
+    return np.array(
+        [
+            bool(terms.get(p, {""}) <= {"qd", "sign(qd)", "qdd", _SERVO})
+            for p in base.pivots
+        ]
+    )
 
 
 def prior_rows(setup: Setup, base: BaseModel) -> Floats:
@@ -211,7 +252,9 @@ def prior_rows(setup: Setup, base: BaseModel) -> Floats:
     """
     mechanism, columns = setup.prior or setup.mechanism, setup.mechanism.columns
     given = dict(zip(mechanism.parameters, mechanism.standard_values(), strict=True))
-    value = np.array([given.get(c.name) or 0.0 if c.body is not None else 0.0 for c in columns])
+    value = np.array(
+        [given.get(c.name) or 0.0 if c.body is not None else 0.0 for c in columns]
+    )
     anything = _ANYTHING * (np.abs(value).max() or 1.0)
     covariance = np.diag([0.0 if c.body is not None else anything**2 for c in columns])
     for body in {c.body for c in columns if c.body is not None}:
@@ -224,6 +267,8 @@ def prior_rows(setup: Setup, base: BaseModel) -> Floats:
     spread = (B @ covariance @ B.T)[np.ix_(bodies, bodies)]
     scale = np.sqrt(np.maximum(np.diagonal(spread), 1e-300))
     rows = np.zeros((len(bodies), len(B)))
-    factor = np.linalg.cholesky(spread / np.outer(scale, scale) + 1e-9 * np.eye(len(bodies)))
+    factor = np.linalg.cholesky(
+        spread / np.outer(scale, scale) + 1e-9 * np.eye(len(bodies))
+    )
     rows[:, bodies] = np.linalg.solve(factor, np.diag(1 / scale))
     return rows

@@ -55,7 +55,11 @@ class Family:
     @property
     def label(self) -> str:
         """The first and the last column."""
-        return self.columns[0] if len(self.columns) == 1 else f"{self.columns[0]} … {self.columns[-1]}"
+        return (
+            self.columns[0]
+            if len(self.columns) == 1
+            else f"{self.columns[0]} … {self.columns[-1]}"
+        )
 
 
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Za-z](?![A-Za-z0-9])")
@@ -63,27 +67,50 @@ _NUMBER = re.compile(r"\d+(?=\D*$)")
 _ENTRY = re.compile(r"^\d+$|\[\d+\]$")
 
 
-def families(names: Sequence[str], count: int, known: Mapping[str, int]) -> tuple[Family, ...]:
+def families(
+    names: Sequence[str], count: int, known: Mapping[str, int]
+) -> tuple[Family, ...]:
     """Families of ``count`` columns: their names differ by one of ``known``, a number, a letter, or share a word.
 
     Words that are ``known`` have places in the order of joints.
     """
 
     def by_name(column: str) -> tuple[str, int] | None:
-        inside = [word for word in known if re.search(rf"(?<![^\W_]){re.escape(word)}(?![^\W_])", column)]
+        inside = [
+            word
+            for word in known
+            if re.search(rf"(?<![^\W_]){re.escape(word)}(?![^\W_])", column)
+        ]
         longest = max(inside, key=len, default="")
         return (column.replace(longest, "{}"), known[longest]) if longest else None
 
     def by_number(column: str) -> tuple[str, int] | None:
         found = _NUMBER.search(column)
-        return (f"{column[: found.start()]}{{}}{column[found.end() :]}", int(found.group())) if found else None
+        return (
+            (
+                f"{column[: found.start()]}{{}}{column[found.end() :]}",
+                int(found.group()),
+            )
+            if found
+            else None
+        )
 
     def by_letter(column: str) -> tuple[str, int] | None:
         last = next(reversed([*_LETTER.finditer(column)]), None)
-        return None if last is None else (f"{column[: last.start()]}{{}}{column[last.end() :]}", ord(last.group()))
+        return (
+            None
+            if last is None
+            else (
+                f"{column[: last.start()]}{{}}{column[last.end() :]}",
+                ord(last.group()),
+            )
+        )
 
     def by_word(place: int) -> Callable[[str], tuple[str, int]]:
-        return lambda column: ((re.findall(r"[^\W_]+", column) or [column])[place].lower(), 0)
+        return lambda column: (
+            (re.findall(r"[^\W_]+", column) or [column])[place].lower(),
+            0,
+        )
 
     found: list[Family] = []
     left = list(names)
@@ -93,41 +120,62 @@ def families(names: Sequence[str], count: int, known: Mapping[str, int]) -> tupl
             if (said := key(column)) is not None:
                 groups.setdefault(said[0], []).append((said[1], place, column))
         found += [
-            Family(tuple(column for *_, column in sorted(some))) for some in groups.values() if len(some) == count
+            Family(tuple(column for *_, column in sorted(some)))
+            for some in groups.values()
+            if len(some) == count
         ]
-        left = [name for name in left if not any(name in family.columns for family in found)]
+        left = [
+            name for name in left if not any(name in family.columns for family in found)
+        ]
     return tuple(found)
 
 
 def are_numbers(names: Sequence[str]) -> bool:
     """Whether names only count: those of a table without names, or of a matrix, such as ``data[0]`` and ``data[1]``."""
-    return len({_ENTRY.sub("", name) for name in names}) == 1 and all(_ENTRY.search(name) for name in names)
+    return len({_ENTRY.sub("", name) for name in names}) == 1 and all(
+        _ENTRY.search(name) for name in names
+    )
 
 
 def blocks(names: Sequence[str], count: int) -> tuple[Family, ...]:
     """Columns without names as families, one after another; none if their number does not fit."""
     if len(names) % count:
         return ()
-    return tuple(Family(tuple(names[start : start + count])) for start in range(0, len(names), count))
+    return tuple(
+        Family(tuple(names[start : start + count]))
+        for start in range(0, len(names), count)
+    )
 
 
 def in_order(
-    names: Sequence[str], count: int, columns: Mapping[str, Floats], times: Floats | None, fixed: Mapping[str, Family]
+    names: Sequence[str],
+    count: int,
+    columns: Mapping[str, Floats],
+    times: Floats | None,
+    fixed: Mapping[str, Family],
 ) -> dict[str, Family]:
     """Families by kind of columns that only their order can tell apart: quantity by quantity, or joint by joint.
 
     Positions have to be smoother than outputs, all of them, so that no family is a mixture.
     """
-    moving = [name for name in names if len({*np.diff(columns[name])} - {0.0}) > 1]  # no constants, no counters
+    moving = [
+        name for name in names if len({*np.diff(columns[name])} - {0.0}) > 1
+    ]  # no constants, no counters
     if len(moving) % count:
         return {}
     size = len(moving) // count
-    for found in (blocks(moving, count), tuple(Family(tuple(moving[k::size])) for k in range(size))):
+    for found in (
+        blocks(moving, count),
+        tuple(Family(tuple(moving[k::size])) for k in range(size)),
+    ):
         kinds = classified(found, columns, times, fixed)
         every = {**fixed, **kinds}
         if {"position", "output"} <= every.keys():
             both = (every["position"].columns, every["output"].columns)
-            smooth, rough = (_roughness(_clean(np.stack([columns[name] for name in some], axis=1))) for some in both)
+            smooth, rough = (
+                _roughness(_clean(np.stack([columns[name] for name in some], axis=1)))
+                for some in both
+            )
             if smooth.max() < rough.min():
                 return kinds
     return {}
@@ -144,15 +192,22 @@ def in_pairs(
     moving = {name: values for name, values in some.items() if np.ptp(values) > 0}
     if len(moving) > _MANY * count:
         return {}, []
-    rates = {a: [b for b in moving if b != a and _is_rate(moving[a], moving[b], times)] for a in moving}
+    rates = {
+        a: [b for b in moving if b != a and _is_rate(moving[a], moving[b], times)]
+        for a in moving
+    }
     derived = {b for pairs in rates.values() for b in pairs}
     found = {"position": [a for a in moving if rates[a] and a not in derived]}
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
         found[kind] = [rates[a][0] for a in found[of] if rates[a]]
     if len(found["position"]) != count:
         return {}, []
-    made = {kind: Family(tuple(own)) for kind, own in found.items() if len(own) == count}
-    return made, [name for name in moving if name not in derived and name not in found["position"]]
+    made = {
+        kind: Family(tuple(own)) for kind, own in found.items() if len(own) == count
+    }
+    return made, [
+        name for name in moving if name not in derived and name not in found["position"]
+    ]
 
 
 def is_still(values: Floats) -> bool:
@@ -161,17 +216,25 @@ def is_still(values: Floats) -> bool:
     return not len(finite) or bool(np.ptp(finite) == 0)
 
 
-def is_mixed(family: Family, columns: Mapping[str, Floats], times: Floats | None) -> bool:
+def is_mixed(
+    family: Family, columns: Mapping[str, Floats], times: Floats | None
+) -> bool:
     """Whether one column of a family is the rate of another, so that they are not of different joints."""
     values = [_clean(columns[name][:_ENOUGH, None]) for name in family.columns]
-    return times is not None and any(_is_rate(a, b, times) for a, b in permutations(values, 2))
+    return times is not None and any(
+        _is_rate(a, b, times) for a, b in permutations(values, 2)
+    )
 
 
 def _is_rate(position: Floats, velocity: Floats, times: Floats) -> bool:
-    return math.isfinite(error_as_rates(np.unwrap(position, axis=0), velocity, times[: len(position)]))
+    return math.isfinite(
+        error_as_rates(np.unwrap(position, axis=0), velocity, times[: len(position)])
+    )
 
 
-def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = False) -> str:
+def clock(
+    columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = False
+) -> str:
     """The first column that grows evenly as a clock does; empty if none does.
 
     What counts samples is no clock, unless it is ``named`` so: the time may be in ms at 1 kHz.
@@ -188,7 +251,9 @@ def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = 
         if np.mean(steps > 0) <= _FORWARD or even <= 0.5 or (counts and not named):
             continue
         # a counter of rows is none if something beside it is
-        if not counts or not clock(columns, [other for other in names if other != name], named=True):
+        if not counts or not clock(
+            columns, [other for other in names if other != name], named=True
+        ):
             return name
     return ""
 
@@ -196,28 +261,42 @@ def clock(columns: Mapping[str, Floats], names: Sequence[str], *, named: bool = 
 def clock_unit(times: Floats) -> str:
     """The unit in which time stamps make a rate at which robots are logged; empty for seconds."""
     stamps = times[np.isfinite(times)]
-    fitting = fitting_units(nominal_period(stamps)) if np.any(np.diff(stamps) > 0) else []
+    fitting = (
+        fitting_units(nominal_period(stamps)) if np.any(np.diff(stamps) > 0) else []
+    )
     return "" if not fitting or fitting[0] == "s" else fitting[0]
 
 
 def fitting_units(period: float) -> list[str]:
     """Units of time stamps that are so far apart in which that is a rate at which robots are logged."""
-    return [unit for unit in ("s", "ms", "us", "ns", "day") if PERIODS[0] <= period * factor(unit, "s") <= PERIODS[1]]
+    return [
+        unit
+        for unit in ("s", "ms", "us", "ns", "day")
+        if PERIODS[0] <= period * factor(unit, "s") <= PERIODS[1]
+    ]
 
 
 def classified(
-    new: Sequence[Family], columns: Mapping[str, Floats], times: Floats | None, fixed: Mapping[str, Family]
+    new: Sequence[Family],
+    columns: Mapping[str, Floats],
+    times: Floats | None,
+    fixed: Mapping[str, Family],
 ) -> dict[str, Family]:
     """New families by kind, beside those whose kinds are fixed; families that are not clear are left out."""
     found = [*fixed.values(), *new]
-    values = [_clean(np.column_stack([columns[name] for name in family.columns])) for family in found]
+    values = [
+        _clean(np.column_stack([columns[name] for name in family.columns]))
+        for family in found
+    ]
     if not values:
         return {}
     pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
     missed = {(a, b): error_as_rates(values[a], values[b], times) for a, b in pairs}
     needed = {"position", "velocity", "output"} - fixed.keys()
     if times is None and len(new) < len(needed):
-        missed = dict.fromkeys(pairs, math.inf)  # what could be velocities are the only columns that could be outputs
+        missed = dict.fromkeys(
+            pairs, math.inf
+        )  # what could be velocities are the only columns that could be outputs
     kinds = {kind: k for k, kind in enumerate(fixed)}
     left = list(range(len(fixed), len(found)))
     if "position" not in kinds:
@@ -226,14 +305,21 @@ def classified(
         if root not in left:
             return {}
         # what was measured is less smooth than what was asked for
-        like = [root, *(k for k in left if k != root and _alike(values[root], values[k]))]
+        like = [
+            root,
+            *(k for k in left if k != root and _alike(values[root], values[k])),
+        ]
         kinds["position"] = max(like, key=lambda k: _bent(values[k], 2))
         left.remove(kinds["position"])
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
         if times is None and {"position", "velocity"} <= kinds.keys():
             times = _own_clock(values[kinds["position"]], values[kinds["velocity"]])
-            missed = {(a, b): error_as_rates(values[a], values[b], times) for a, b in pairs}
-        children = [k for k in left if of in kinds and math.isfinite(missed[kinds[of], k])]
+            missed = {
+                (a, b): error_as_rates(values[a], values[b], times) for a, b in pairs
+            }
+        children = [
+            k for k in left if of in kinds and math.isfinite(missed[kinds[of], k])
+        ]
         if children and kind not in kinds:
             kinds[kind] = min((missed[kinds[of], k], k) for k in children)[1]
         left = [k for k in left if k not in children]
@@ -262,12 +348,19 @@ def error_as_rates(lower: Floats, upper: Floats, times: Floats | None) -> float:
     Times are in s; without them all joints have to agree on one rate of samples.
     """
     found = _rates(lower, upper, times)
-    slopes, errors = (np.array([getattr(some, what) for some in found]) for what in ("slope", "relative"))
+    slopes, errors = (
+        np.array([getattr(some, what) for some in found])
+        for what in ("slope", "relative")
+    )
     moves = np.isfinite(slopes)
     if not moves.any():
         return math.inf
     if times is None:
-        agree = (errors < _ONE_RATE) & (np.abs(slopes / np.median(slopes[moves]) - 1) < _ONE_RATE) & (slopes > 0)
+        agree = (
+            (errors < _ONE_RATE)
+            & (np.abs(slopes / np.median(slopes[moves]) - 1) < _ONE_RATE)
+            & (slopes > 0)
+        )
         told = agree.sum() == moves.sum() > 1
     else:
         near = np.abs(slopes[:, None] / _SCALES - 1) < NEAR
@@ -347,7 +440,9 @@ LONG = 20.0  # m, that no joint slides
 DEGREES = 720.0  # beyond which angles are no degrees of a joint either
 
 
-def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[ColumnMap, tuple[Finding, ...]]:
+def with_units(
+    columns: ColumnMap, table: Table, mechanism: Mechanism
+) -> tuple[ColumnMap, tuple[Finding, ...]]:
     """Guessed columns with the units that their magnitudes ask for, and what was assumed."""
     notes: list[Finding] = []
     time = columns.time
@@ -357,22 +452,57 @@ def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[
             text = f"the time '{time.column}' is taken to be in {unit}: in seconds it would be no rate of a robot's log"
             notes.append(note("units", table.source, text))
         time = replace(time, unit=unit)
-    turning = {name: some for name, some in columns.positions.items() if _moves(mechanism, name, MotionKind.ROTATION)}
-    far = [np.nanmax(np.abs(table.columns[some.column]), initial=0.0) for some in turning.values()]
+    turning = {
+        name: some
+        for name, some in columns.positions.items()
+        if _moves(mechanism, name, MotionKind.ROTATION)
+    }
+    far = [
+        np.nanmax(np.abs(table.columns[some.column]), initial=0.0)
+        for some in turning.values()
+    ]
     plain = turning and not any(some.unit for some in turning.values())
     positions = columns.positions
-    if plain and 2 * sum(size > TURNS for size in far) > len(far) and max(far) <= DEGREES:
-        positions = {**positions, **{name: replace(some, unit="deg") for name, some in turning.items()}}
+    if (
+        plain
+        and 2 * sum(size > TURNS for size in far) > len(far)
+        and max(far) <= DEGREES
+    ):
+        positions = {
+            **positions,
+            **{name: replace(some, unit="deg") for name, some in turning.items()},
+        }
         text = f"positions up to {max(far):.4g} are taken to be in degrees"
         notes.append(warning("units", table.source, text))
-    sliding = [name for name in positions if _moves(mechanism, name, MotionKind.TRANSLATION)]
-    far = [np.nanmax(np.abs(table.columns[positions[name].column]), initial=0.0) for name in sliding]
-    if max(far, default=0.0) > LONG and not any(positions[name].unit for name in sliding):
-        positions = {**positions, **{name: replace(positions[name], unit="mm") for name in sliding}}
-        notes.append(warning("units", table.source, f"lengths up to {max(far):.4g} are taken to be in mm"))
-    asked = {name: replace(some, unit=some.unit or positions[name].unit) for name, some in columns.references.items()}
+    sliding = [
+        name for name in positions if _moves(mechanism, name, MotionKind.TRANSLATION)
+    ]
+    far = [
+        np.nanmax(np.abs(table.columns[positions[name].column]), initial=0.0)
+        for name in sliding
+    ]
+    if max(far, default=0.0) > LONG and not any(
+        positions[name].unit for name in sliding
+    ):
+        positions = {
+            **positions,
+            **{name: replace(positions[name], unit="mm") for name in sliding},
+        }
+        notes.append(
+            warning(
+                "units",
+                table.source,
+                f"lengths up to {max(far):.4g} are taken to be in mm",
+            )
+        )
+    asked = {
+        name: replace(some, unit=some.unit or positions[name].unit)
+        for name, some in columns.references.items()
+    }
     guessed = replace(columns, time=time, positions=positions, references=asked)
-    return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(notes)
+    return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(
+        notes
+    )
 
 
 def _moves(mechanism: Mechanism, name: str, kind: MotionKind) -> bool:
@@ -380,7 +510,9 @@ def _moves(mechanism: Mechanism, name: str, kind: MotionKind) -> bool:
     return motion is not None and motion.kind is kind
 
 
-def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
+def _with_rates(
+    columns: ColumnMap, table: Table, mechanism: Mechanism
+) -> dict[str, Channel]:
     """Velocities in deg/s or mm/s where they are to positions as degrees are to radians, or mm to m.
 
     Without a clock they are in the unit of their positions per second.
@@ -393,10 +525,15 @@ def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[
             continue
         if times is None:
             per_second = position.unit and not table.clocks
-            found[name] = replace(channel, unit=f"{position.unit}/s") if per_second else channel
+            found[name] = (
+                replace(channel, unit=f"{position.unit}/s") if per_second else channel
+            )
             continue
         unit = "deg/s" if _moves(mechanism, name, MotionKind.ROTATION) else "mm/s"
-        q, v = table.columns[position.column] * factor(position.unit, None), table.columns[channel.column]
+        q, v = (
+            table.columns[position.column] * factor(position.unit, None),
+            table.columns[channel.column],
+        )
         if len(q) != len(v) or len(q) != len(times):
             continue
         own = rate(q, v, times * factor(columns.time.unit if columns.time else "", "s"))

@@ -25,7 +25,14 @@ from echelon.logs.columns.by_values import (
     is_mixed,
     is_still,
 )
-from echelon.logs.columns.column_map import ORDERS, Channel, ColumnMap, actuators, independent_coordinates, units
+from echelon.logs.columns.column_map import (
+    ORDERS,
+    Channel,
+    ColumnMap,
+    actuators,
+    independent_coordinates,
+    units,
+)
 from echelon.logs.columns.column_names import (
     KNOWN,
     SHARES,
@@ -49,8 +56,14 @@ Meanings = Mapping[str, Meaning]
 Look = Callable[[], Table]  # reads the first piece of a log, with all columns
 
 _NEEDED = ("position", "output")
-_PARTLY = ("output", "current")  # what may be there for some joints only: the others are not measured
-_ALTERNATIVES = {"position": "joint", "output": "current"}  # joint_0 beside torque_0, currents for want of torques
+_PARTLY = (
+    "output",
+    "current",
+)  # what may be there for some joints only: the others are not measured
+_ALTERNATIVES = {
+    "position": "joint",
+    "output": "current",
+}  # joint_0 beside torque_0, currents for want of torques
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _AS_NAMED: Mapping[str, str] = {}
 _MANY = 8
@@ -61,7 +74,9 @@ _SERVOS = (
 _FEWEST = 4  # rows that say how columns change
 _DIGITS = re.compile(r"\d+")
 _FIRST = re.compile(r"/?[^\W_]+[\W_]+")
-_ANGLES = re.compile("theta|phi|psi|alpha|beta|angle|winkel|rad|deg|rot|θ|φ", re.IGNORECASE)
+_ANGLES = re.compile(
+    "theta|phi|psi|alpha|beta|angle|winkel|rad|deg|rot|θ|φ", re.IGNORECASE
+)
 _TORQUES = re.compile("tau|torque|trq|moment|nm|couple|τ", re.IGNORECASE)
 _NOT_MEASURED = {
     *("ext", "external", "con", "fric", "friction", "grav", "gravity", "dist", "filt"),
@@ -74,12 +89,18 @@ class Guess:
     """What the columns of a log were taken for, and what could not be decided."""
 
     columns: ColumnMap
-    problems: tuple[str, ...] = ()  # in sentences; without any, nothing that is needed is missing
+    problems: tuple[
+        str, ...
+    ] = ()  # in sentences; without any, nothing that is needed is missing
     notes: tuple[str, ...] = ()  # what was taken for granted
-    unlogged: tuple[str, ...] = ()  # motions that no column is of, so that they have to be locked
+    unlogged: tuple[
+        str, ...
+    ] = ()  # motions that no column is of, so that they have to be locked
     choices: tuple[tuple[str, ...], ...] = ()  # the same where only the user can tell
     commanded: bool = False  # whether there are commands of positions, and nothing that could be an output
-    unmeasured: tuple[str, ...] = ()  # outputs that no column is of, though one is of each position
+    unmeasured: tuple[
+        str, ...
+    ] = ()  # outputs that no column is of, though one is of each position
 
 
 def guess(
@@ -97,10 +118,16 @@ def guess(
     this fails for the whole robot, it is tried for what is left of it without joints that the log may lack.
     """
     meanings, known = _meanings(names, mechanism, said)
-    whole = _of_all(names, meanings, mechanism, look, outputs=outputs, by_values=by_values)
+    whole = _of_all(
+        names, meanings, mechanism, look, outputs=outputs, by_values=by_values
+    )
     if not whole.problems or not lockable(mechanism):
         return whole
-    paired = _in_pairs(names, meanings, mechanism, look, outputs=outputs) if by_values and look is not None else None
+    paired = (
+        _in_pairs(names, meanings, mechanism, look, outputs=outputs)
+        if by_values and look is not None
+        else None
+    )
     if paired is not None:
         return paired
     several = _of_several(names, mechanism, look, said, outputs=outputs)
@@ -110,34 +137,64 @@ def guess(
         if by_values:
             text += f": taken are those of {first}…; for another, write {' or '.join(others)} for {first} under log"
             return replace(several[first], notes=(*several[first].notes, text))
-        return replace(whole, problems=(f"{text}: say under log which are those of {mechanism.name}",))
+        return replace(
+            whole,
+            problems=(f"{text}: say under log which are those of {mechanism.name}",),
+        )
     parts = []
     for locked in unlogged_joints(names, meanings, known, mechanism):
         rest = lock_joints(mechanism, dict.fromkeys(locked, 0.0))
-        part = _of_all(names, _meanings(names, rest, said)[0], rest, look, outputs=outputs, by_values=by_values)
+        part = _of_all(
+            names,
+            _meanings(names, rest, said)[0],
+            rest,
+            look,
+            outputs=outputs,
+            by_values=by_values,
+        )
         parts += [replace(part, unlogged=locked)]
     nothing = not (whole.columns.positions or whole.columns.outputs)
     parts = [part for part in parts if not part.problems] or (parts if nothing else [])
     if len(parts) > 1:
-        which = " or ".join(f"those of {listed(part.columns.positions)}" for part in parts)
+        which = " or ".join(
+            f"those of {listed(part.columns.positions)}" for part in parts
+        )
         problem = f"the log has columns for some of the joints, {which}: say which others rest, under locked"
         choices = tuple(part.unlogged for part in parts)
-        return replace(whole, columns=parts[0].columns, problems=(problem,), choices=choices)
+        return replace(
+            whole, columns=parts[0].columns, problems=(problem,), choices=choices
+        )
     return parts[0] if parts else whole
 
 
 def _of_several(
-    names: Sequence[str], mechanism: Mechanism, look: Look | None, said: Mapping[str, str], *, outputs: bool
+    names: Sequence[str],
+    mechanism: Mechanism,
+    look: Look | None,
+    said: Mapping[str, str],
+    *,
+    outputs: bool,
 ) -> dict[str, Guess]:
     """Guesses by the first words of columns that without this word are all that the robot needs."""
-    first = {name: start.group() for name in names if (start := _FIRST.match(name)) is not None}
+    first = {
+        name: start.group()
+        for name in names
+        if (start := _FIRST.match(name)) is not None
+    }
     found: dict[str, Guess] = {}
     for word in dict.fromkeys(first.values()):
         own = [name for name in names if first.get(name, word) == word]
         short = {name: said.get(name, name).removeprefix(word) for name in own}
         if re.sub(r"[\W_]", "", word).lower() in KNOWN or len(own) == len(names):
             continue
-        of = _of_all(own, _meanings(own, mechanism, short)[0], mechanism, look, outputs=outputs, by_values=False)
+        of = _of_all(
+            own,
+            _meanings(own, mechanism, short)[0],
+            mechanism,
+            look,
+            outputs=outputs,
+            by_values=False,
+        )
         found |= {} if of.problems else {word: of}
     return found
 
@@ -147,17 +204,34 @@ def _meanings(
 ) -> tuple[dict[str, Meaning], dict[str, str]]:
     """What the names of columns say, with their units, and coordinates by what columns may call them."""
     drives = [a.name for a in mechanism.transmission.actuators]
-    known = aliases([*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives])
+    known = aliases(
+        [
+            *mechanism.positions,
+            *mechanism.velocities,
+            *(o.name for o in mechanism.outputs),
+            *drives,
+        ]
+    )
     texts = without_prefix(names, known)
     texts |= {name: said[name] for name in names if name in said}
     found = {name: meaning(text, known) for name, text in texts.items()}
     # of encoder1_1, encoder1_2, … none is understood, as two numbers differ in some of them
     strange = {_DIGITS.sub("#", name) for name, said in found.items() if said is None}
-    return {n: said for n, said in found.items() if said is not None and _DIGITS.sub("#", n) not in strange}, known
+    return {
+        n: said
+        for n, said in found.items()
+        if said is not None and _DIGITS.sub("#", n) not in strange
+    }, known
 
 
 def _of_all(
-    names: Sequence[str], meanings: Meanings, mechanism: Mechanism, look: Look | None, *, outputs: bool, by_values: bool
+    names: Sequence[str],
+    meanings: Meanings,
+    mechanism: Mechanism,
+    look: Look | None,
+    *,
+    outputs: bool,
+    by_values: bool,
 ) -> Guess:
     """The guess if the log has all joints."""
     groups, problems = _by_names(meanings, mechanism, outputs, look)
@@ -167,41 +241,92 @@ def _of_all(
     time, trouble = _time(meanings, _may_be_time(names, meanings, groups), look)
     absent = [kind for kind in needed if not groups[kind]]
     if absent and look is not None and (by_values or (headerless and not problems)):
-        partial = 0 < len(groups["output"]) < len(_valid(mechanism, "output")) and "position" in absent
-        if len(absent) == len(needed) or partial:  # A1 beside M1 is no acceleration, and wrist1 is not every joint
+        partial = (
+            0 < len(groups["output"]) < len(_valid(mechanism, "output"))
+            and "position" in absent
+        )
+        if (
+            len(absent) == len(needed) or partial
+        ):  # A1 beside M1 is no acceleration, and wrist1 is not every joint
             groups = {kind: {} for kind in groups}
         known = [kind for kind, some in groups.items() if some]
-        taken = {channel.column for some in groups.values() for channel in some.values()}
-        clear = [n for n, said in meanings.items() if (said.kind in ("time", *known) or n in taken) and not headerless]
-        notes += _filled(groups, _by_values(names, clear, mechanism, look().columns, groups, time), mechanism)
+        taken = {
+            channel.column for some in groups.values() for channel in some.values()
+        }
+        clear = [
+            n
+            for n, said in meanings.items()
+            if (said.kind in ("time", *known) or n in taken) and not headerless
+        ]
+        notes += _filled(
+            groups,
+            _by_values(names, clear, mechanism, look().columns, groups, time),
+            mechanism,
+        )
         absent = [kind for kind in needed if not groups[kind]]
         problems = problems if absent else []
-        motors = [c.column for c in groups["position"].values() if c.column in meanings and meanings[c.column].motor]
+        motors = [
+            c.column
+            for c in groups["position"].values()
+            if c.column in meanings and meanings[c.column].motor
+        ]
         if motors and not actuators(mechanism):
             text = "are those of motors by their names, taken for angles of joints: state actuators if there are gears"
             notes.append(f"{listed(motors)} {text}")
     commanded = absent == ["output"] and bool(groups["reference"])
     if absent and not problems:
-        problems.append(_question(absent, names, meanings, mechanism, look, time) + _SERVOS * commanded)
+        problems.append(
+            _question(absent, names, meanings, mechanism, look, time)
+            + _SERVOS * commanded
+        )
     if commanded:
-        unclear = [name for name in names if name not in meanings or meanings[name].kind in _PARTLY]
+        unclear = [
+            name
+            for name in names
+            if name not in meanings or meanings[name].kind in _PARTLY
+        ]
         commanded = not _alive([name for name in unclear if may_be_output(name)], look)
-    says_time = time is not None and time.column in meanings and meanings[time.column].kind == "time"
+    says_time = (
+        time is not None
+        and time.column in meanings
+        and meanings[time.column].kind == "time"
+    )
     if time is not None and not says_time and not headerless:
-        notes.append(f"'{time.column}' taken for the time, because it grows as a clock does")
+        notes.append(
+            f"'{time.column}' taken for the time, because it grows as a clock does"
+        )
     outputs_from = {channel.column for channel in groups["output"].values()}
     said_of = [said for column, said in meanings.items() if column in outputs_from]
     if any(said.kind == "current" for said in said_of):
-        notes.append("the outputs are currents by their names, taken for torques: give the torque per ampere as scale")
+        notes.append(
+            "the outputs are currents by their names, taken for torques: give the torque per ampere as scale"
+        )
     for sign, share in (("%", "hundredth"), ("‰", "thousandth")):
         if any(said.unit == sign for said in said_of):
-            notes.append(f"the outputs are in {sign}, taken for torques: give a {share} of the rated torque as scale")
-    kinds = (groups[kind] for kind in ("position", "velocity", "acceleration", "output", "reference"))
-    unmeasured = [name for name in _valid(mechanism, "output") if name not in groups["output"]]
-    unmeasured = unmeasured if 0 < len(outputs_from) == len(mechanism.outputs) - len(unmeasured) else []
+            notes.append(
+                f"the outputs are in {sign}, taken for torques: give a {share} of the rated torque as scale"
+            )
+    kinds = (
+        groups[kind]
+        for kind in ("position", "velocity", "acceleration", "output", "reference")
+    )
+    unmeasured = [
+        name for name in _valid(mechanism, "output") if name not in groups["output"]
+    ]
+    unmeasured = (
+        unmeasured
+        if 0 < len(outputs_from) == len(mechanism.outputs) - len(unmeasured)
+        else []
+    )
     columns = ColumnMap(time, None, *kinds)
     rest = tuple(unmeasured)
-    return Guess(columns, (*problems, *trouble), tuple(notes), unmeasured=rest, commanded=commanded)
+    return Guess(
+        columns,
+        (*problems, *trouble),
+        tuple(notes),
+        unmeasured=rest,
+        commanded=commanded,
+    )
 
 
 def _unchanging(look: Look | None) -> set[str]:
@@ -210,7 +335,11 @@ def _unchanging(look: Look | None) -> set[str]:
     return {name for name, values in columns.items() if is_still(values)}
 
 
-def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], mechanism: Mechanism) -> list[str]:
+def _filled(
+    groups: dict[str, dict[str, Channel]],
+    seen: Mapping[str, Family],
+    mechanism: Mechanism,
+) -> list[str]:
     """Put families of columns where names say nothing; says which."""
     notes = []
     for kind, family in seen.items():
@@ -219,8 +348,14 @@ def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], m
                 n: _channel(c, stated_unit(c), mechanism, kind, n) or Channel(c)
                 for n, c in zip(_valid(mechanism, kind), family.columns, strict=True)
             }
-            those = ", ".join(family.columns) if len(family.columns) < _MANY else family.label
-            notes.append(f"{those} taken for the {_several(kind)} of {listed(groups[kind])} by their values")
+            those = (
+                ", ".join(family.columns)
+                if len(family.columns) < _MANY
+                else family.label
+            )
+            notes.append(
+                f"{those} taken for the {_several(kind)} of {listed(groups[kind])} by their values"
+            )
     return notes
 
 
@@ -239,11 +374,17 @@ def _by_names(
             groups[kind] = _channels(meanings, mechanism, kind, look)
             other = _ALTERNATIVES.get(kind, "")
             several = any(said.kind == other for said in meanings.values())
-            if several and not _alive([channel.column for channel in groups[kind].values()], look):
-                groups[kind] = _channels(meanings, mechanism, other, look) or groups[kind]
+            if several and not _alive(
+                [channel.column for channel in groups[kind].values()], look
+            ):
+                groups[kind] = (
+                    _channels(meanings, mechanism, other, look) or groups[kind]
+                )
         except InputError as error:
             groups[kind] = {}
-            if kind in _NEEDED[: 1 + outputs]:  # nobody needs the others: what is not clear is left out
+            if (
+                kind in _NEEDED[: 1 + outputs]
+            ):  # nobody needs the others: what is not clear is left out
                 problems.append(error.problem)
     return groups, problems
 
@@ -251,13 +392,17 @@ def _by_names(
 def _valid(mechanism: Mechanism, kind: str) -> list[str]:
     if kind in ("output", "current"):
         return [output.name for output in mechanism.outputs]
-    return list(independent_coordinates(mechanism, "position" if kind == "joint" else kind))
+    return list(
+        independent_coordinates(mechanism, "position" if kind == "joint" else kind)
+    )
 
 
 # -- names ------------------------------------------------------------------------------------------------------------
 
 
-def _time(meanings: Meanings, unnamed: Sequence[str], look: Look | None) -> tuple[Channel | None, list[str]]:
+def _time(
+    meanings: Meanings, unnamed: Sequence[str], look: Look | None
+) -> tuple[Channel | None, list[str]]:
     """The column of time, of several that by their names could be it the one that grows as a clock does."""
     found = [name for name, said in meanings.items() if said.kind == "time"]
     # columns of messages have stamps of their own, which the file assigns to them
@@ -266,20 +411,36 @@ def _time(meanings: Meanings, unnamed: Sequence[str], look: Look | None) -> tupl
     found = [name for name in found if fits(meanings[name].unit, "s")]
     if look is not None and (len(found) > 1 or (unnamed and not found)):
         table = look()
-        chosen = "" if table.clocks and not found else clock(table.columns, found or unnamed, named=bool(found))
+        chosen = (
+            ""
+            if table.clocks and not found
+            else clock(table.columns, found or unnamed, named=bool(found))
+        )
         found = [chosen] if chosen else found
     if len(found) > 1:
-        return None, [f"{listed(found)} could all be the time; name one as time under log"]
+        return None, [
+            f"{listed(found)} could all be the time; name one as time under log"
+        ]
     if not found:
         return None, []
     said = meanings.get(found[0])
-    return Channel(found[0], said.unit if said is not None and said.kind == "time" else ""), []
+    return Channel(
+        found[0], said.unit if said is not None and said.kind == "time" else ""
+    ), []
 
 
-def _may_be_time(names: Sequence[str], meanings: Meanings, groups: Mapping[str, Mapping[str, Channel]]) -> list[str]:
+def _may_be_time(
+    names: Sequence[str],
+    meanings: Meanings,
+    groups: Mapping[str, Mapping[str, Channel]],
+) -> list[str]:
     """Columns that may be the time though their names do not say so: a letter alone says little of a joint."""
     taken = {channel.column for some in groups.values() for channel in some.values()}
-    others = [name for name, said in meanings.items() if not said.name and said.index is None and name not in taken]
+    others = [
+        name
+        for name, said in meanings.items()
+        if not said.name and said.index is None and name not in taken
+    ]
     return [*(name for name in names if name not in meanings), *others]
 
 
@@ -289,7 +450,9 @@ def _alive(names: Iterable[str], look: Look | None) -> list[str]:
     return [name for name in names if name not in still]
 
 
-def _channels(meanings: Meanings, mechanism: Mechanism, kind: str, look: Look | None) -> dict[str, Channel]:
+def _channels(
+    meanings: Meanings, mechanism: Mechanism, kind: str, look: Look | None
+) -> dict[str, Channel]:
     """The columns of a kind, by coordinate, output or actuator; of several for one those that change."""
     own = {column: said for column, said in meanings.items() if said.kind == kind}
     if not own:
@@ -298,9 +461,13 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str, look: Look | 
     motors = [actuator.name for actuator in actuators(mechanism)]
     if any(said.motor for said in own.values()) and (motors or kind == "position"):
         behind = [said for said in own.values() if not said.motor]
-        changing = [own[column].motor for column in (_alive(own, look) if behind else ())]
+        changing = [
+            own[column].motor for column in (_alive(own, look) if behind else ())
+        ]
         # where both sides have sensors, the joints' where the robot states no gears
-        at_joints = bool(behind) and changing.count(False) + (not motors) > changing.count(True)
+        at_joints = bool(behind) and changing.count(False) + (
+            not motors
+        ) > changing.count(True)
         own = {column: said for column, said in own.items() if said.motor != at_joints}
         if not motors and not at_joints:
             raise InputError(
@@ -309,14 +476,24 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str, look: Look | 
             )
         valid = valid if at_joints else motors
     keys = {column: said.name for column, said in own.items() if said.name}
-    positions = _numbers(said for said in meanings.values() if said.kind in ("position", "joint") and not said.motor)
-    keys = keys or _numbered(own, positions if kind in _PARTLY else set(), valid, mechanism, kind)
+    positions = _numbers(
+        said
+        for said in meanings.values()
+        if said.kind in ("position", "joint") and not said.motor
+    )
+    keys = keys or _numbered(
+        own, positions if kind in _PARTLY else set(), valid, mechanism, kind
+    )
     found: dict[str, Channel] = {}
     strange: list[str] = []
     if len(keys) > len({*keys.values()}):
         alive = _alive(keys, look)
         kept = {keys[column] for column in alive}
-        keys = {column: name for column, name in keys.items() if column in alive or name not in kept}
+        keys = {
+            column: name
+            for column, name in keys.items()
+            if column in alive or name not in kept
+        }
     for column, name in keys.items():
         channel = _channel(column, own[column].unit, mechanism, kind, name)
         if (name not in valid and name not in motors) or channel is None:
@@ -324,16 +501,28 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str, look: Look | 
             continue
         if name in found:
             both = f"'{found[name].column}' and '{column}'"
-            raise InputError(f"{both} could both be the {kind} of '{name}'; say under log which it is")
+            raise InputError(
+                f"{both} could both be the {kind} of '{name}'; say under log which it is"
+            )
         found[name] = channel
     missing = [name for name in valid if name not in found]
-    if missing and not (found and kind in _PARTLY) and not any(name in found for name in motors):
-        taken = "; ".join([f"found: {listed(channel.column for channel in found.values())}", *strange])
-        raise InputError(f"no column is the {kind} of {listed(missing)} ({taken}); say under log which they are")
+    if (
+        missing
+        and not (found and kind in _PARTLY)
+        and not any(name in found for name in motors)
+    ):
+        taken = "; ".join(
+            [f"found: {listed(channel.column for channel in found.values())}", *strange]
+        )
+        raise InputError(
+            f"no column is the {kind} of {listed(missing)} ({taken}); say under log which they are"
+        )
     return {name: found[name] for name in [*valid, *motors] if name in found}
 
 
-def _channel(column: str, unit: str, mechanism: Mechanism, kind: str, name: str) -> Channel | None:
+def _channel(
+    column: str, unit: str, mechanism: Mechanism, kind: str, name: str
+) -> Channel | None:
     """A column with its unit; None where the unit is not one of the quantity."""
     if kind == "current":  # as if it were a torque: one unit of force per ampere
         return Channel(column, scale=factor(unit, "A")) if fits(unit, "A") else None
@@ -342,7 +531,11 @@ def _channel(column: str, unit: str, mechanism: Mechanism, kind: str, name: str)
     if kind == "output" and unit in SHARES:
         return Channel(column)
     # dq_deg is in deg/s, and the m of tau_m says that it was measured
-    texts = [unit + "/s" * order for order in range(ORDERS.get(kind, 0) + 1)] if unit else [""]
+    texts = (
+        [unit + "/s" * order for order in range(ORDERS.get(kind, 0) + 1)]
+        if unit
+        else [""]
+    )
     texts += [""] if len(unit) == 1 and stated_unit(column) != unit else []
     return next((Channel(column, text) for text in texts if fits(text, expected)), None)
 
@@ -351,7 +544,13 @@ def _numbers(meanings: Iterable[Meaning]) -> set[int]:
     return {said.index for said in meanings if said.index is not None}
 
 
-def _numbered(own: Meanings, others: set[int], valid: Sequence[str], mechanism: Mechanism, kind: str) -> dict[str, str]:
+def _numbered(
+    own: Meanings,
+    others: set[int],
+    valid: Sequence[str],
+    mechanism: Mechanism,
+    kind: str,
+) -> dict[str, str]:
     """Coordinates by number, counted from 0 or from 1 like the ``others``; a single one needs none."""
     numbers = {column: said.index for column, said in own.items()}
     if set(numbers.values()) == {None} and len(valid) == 1:
@@ -367,7 +566,11 @@ def _numbered(own: Meanings, others: set[int], valid: Sequence[str], mechanism: 
             f"the log has {has}, {listed(numbers)}, but {mechanism.name} has {len(valid)}: {listed(valid)}; is it a "
             "log of another robot?  If not, say under log which they are"
         )
-    return {column: valid[number - first] for column, number in numbers.items() if number is not None}
+    return {
+        column: valid[number - first]
+        for column, number in numbers.items()
+        if number is not None
+    }
 
 
 # -- values -----------------------------------------------------------------------------------------------------------
@@ -385,31 +588,64 @@ def _by_values(
     valid = _valid(mechanism, "position")
     names = [name for name in names if name in columns]  # the others hold words
     lengths = {len(columns[name]) for name in names}
-    if len(_valid(mechanism, "output")) != len(valid) or len(lengths) != 1 or min(lengths) < _FEWEST:
+    if (
+        len(_valid(mechanism, "output")) != len(valid)
+        or len(lengths) != 1
+        or min(lengths) < _FEWEST
+    ):
         return {}
-    times = None if time is None or time.column not in names else _seconds(time, columns)
-    rest = [name for name in names if name not in understood and (time is None or name != time.column)]
+    times = (
+        None if time is None or time.column not in names else _seconds(time, columns)
+    )
+    rest = [
+        name
+        for name in names
+        if name not in understood and (time is None or name != time.column)
+    ]
     if understood or not are_numbers(names):
         new = families(rest, len(valid), _places(valid))
     else:
-        new = blocks(rest[1:] if len(rest) % len(valid) == 1 and len(valid) > 1 else rest, len(valid))
-    known = {kind: Family(tuple(channel.column for channel in some.values())) for kind, some in groups.items()}
-    fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
+        new = blocks(
+            rest[1:] if len(rest) % len(valid) == 1 and len(valid) > 1 else rest,
+            len(valid),
+        )
+    known = {
+        kind: Family(tuple(channel.column for channel in some.values()))
+        for kind, some in groups.items()
+    }
+    fixed = {
+        kind: family
+        for kind, family in known.items()
+        if len(family.columns) == len(valid)
+    }
     said = {family: _said(family) for family in new}
     strange = [
         family
         for family, kind in said.items()
-        if (kind and kind not in groups) or all(is_still(columns[name]) for name in family.columns)
+        if (kind and kind not in groups)
+        or all(is_still(columns[name]) for name in family.columns)
     ]
-    rest = [name for name in rest if not any(name in family.columns for family in strange)]
-    new = tuple(family for family in new if family not in strange and not is_mixed(family, columns, times))
+    rest = [
+        name for name in rest if not any(name in family.columns for family in strange)
+    ]
+    new = tuple(
+        family
+        for family in new
+        if family not in strange and not is_mixed(family, columns, times)
+    )
     said = {family: said[family] for family in new}
-    once = {kind for kind in said.values() if [*said.values()].count(kind) == 1} & groups.keys() - fixed.keys()
+    once = {
+        kind for kind in said.values() if [*said.values()].count(kind) == 1
+    } & groups.keys() - fixed.keys()
     named = {kind: family for family, kind in said.items() if kind in once}
     left = [family for family in new if family not in named.values()]
     found = named | classified(left, columns, times, fixed | named)
     complete = {"position", "output"} <= {*found, *fixed}
-    return found if complete else in_order(rest, len(valid), columns, times, fixed) or found
+    return (
+        found
+        if complete
+        else in_order(rest, len(valid), columns, times, fixed) or found
+    )
 
 
 def _places(valid: Sequence[str]) -> dict[str, int]:
@@ -423,7 +659,12 @@ def _seconds(time: Channel, columns: Mapping[str, Floats]) -> Floats:
 
 
 def _in_pairs(
-    names: Sequence[str], meanings: Meanings, mechanism: Mechanism, look: Look, *, outputs: bool
+    names: Sequence[str],
+    meanings: Meanings,
+    mechanism: Mechanism,
+    look: Look,
+    *,
+    outputs: bool,
 ) -> Guess | None:
     """The guess where every joint has names of its own, and rates tell what its position is, as on a cart with a pole.
 
@@ -438,23 +679,43 @@ def _in_pairs(
     if not found:
         return None
     order = _as_they_move(found["position"].columns, valid, mechanism)
-    found = {kind: Family(tuple(family.columns[k] for k in order)) for kind, family in found.items()}
-    forces = [name for name in left if name in meanings and meanings[name].kind == "output"] or left
+    found = {
+        kind: Family(tuple(family.columns[k] for k in order))
+        for kind, family in found.items()
+    }
+    forces = [
+        name for name in left if name in meanings and meanings[name].kind == "output"
+    ] or left
     groups: dict[str, dict[str, Channel]] = {}
-    notes, driven = _filled(groups, found, mechanism), _driven(forces, mechanism) if outputs else {}
-    notes += [f"'{column}' taken for the output of {name}" for name, column in driven.items()]
+    notes, driven = (
+        _filled(groups, found, mechanism),
+        _driven(forces, mechanism) if outputs else {},
+    )
+    notes += [
+        f"'{column}' taken for the output of {name}" for name, column in driven.items()
+    ]
     groups["output"] = {
-        name: _channel(column, stated_unit(column), mechanism, "output", name) or Channel(column)
+        name: _channel(column, stated_unit(column), mechanism, "output", name)
+        or Channel(column)
         for name, column in driven.items()
     }
     problem = f"no column can be told to be the output of one of {listed(valid)}; say under log which it is"
     problems = (problem,) if outputs and not driven else ()
-    kinds = (groups.get(kind, {}) for kind in ("position", "velocity", "acceleration", "output"))
-    unmeasured = tuple(name for name in _valid(mechanism, "output") if driven and name not in driven)
-    return Guess(ColumnMap(time, None, *kinds), problems, tuple(notes), unmeasured=unmeasured)
+    kinds = (
+        groups.get(kind, {})
+        for kind in ("position", "velocity", "acceleration", "output")
+    )
+    unmeasured = tuple(
+        name for name in _valid(mechanism, "output") if driven and name not in driven
+    )
+    return Guess(
+        ColumnMap(time, None, *kinds), problems, tuple(notes), unmeasured=unmeasured
+    )
 
 
-def _as_they_move(columns: Sequence[str], valid: Sequence[str], mechanism: Mechanism) -> list[int]:
+def _as_they_move(
+    columns: Sequence[str], valid: Sequence[str], mechanism: Mechanism
+) -> list[int]:
     """Places of the columns of joints: angles of those that turn, if names tell as many, else in the given order."""
     turn = [units(mechanism, "position", name) != ("m",) for name in valid]
     angles = [k for k, column in enumerate(columns) if _ANGLES.search(column)]
@@ -478,7 +739,9 @@ def _said(family: Family) -> str:
     parts = [spoken(column) for column in family.columns]
     kinds = {words().get(part, "") for some in parts for part in some} - {""}
     every = all(any(part in words() for part in some) for some in parts)
-    mixed = len(kinds) > 1 or any(part in _NOT_MEASURED for some in parts for part in some)
+    mixed = len(kinds) > 1 or any(
+        part in _NOT_MEASURED for some in parts for part in some
+    )
     return kinds.pop() if every and kinds and not mixed else ""
 
 
@@ -496,18 +759,26 @@ def _question(
     groups, _ = _by_names(meanings, mechanism, False, None)
     seen: dict[str, Family] = {}
     if look is not None and len(unknown) < 200:
-        seen = _by_values(names, list(meanings), mechanism, look().columns, groups, time)
+        seen = _by_values(
+            names, list(meanings), mechanism, look().columns, groups, time
+        )
     asked, left = [], list(unknown)
     for family in families(unknown, len(valid), _places(valid)):
         kinds = [kind for kind, some in seen.items() if some == family]
-        by = f"{_several(kinds[0])} by their values" if kinds else _nearest(family.columns[0])
+        by = (
+            f"{_several(kinds[0])} by their values"
+            if kinds
+            else _nearest(family.columns[0])
+        )
         asked.append(f"{family.label}{by and f' ({by})'}")
         left = [name for name in left if name not in family.columns]
     asked += [f"{name}{(by := _nearest(name)) and f' ({by})'}" for name in left]
-    what = (
-        f"no columns for {' and '.join(f'{kind}s' for kind in absent)} of {mechanism.name} can be told from their names"
+    what = f"no columns for {' and '.join(f'{kind}s' for kind in absent)} of {mechanism.name} can be told from their names"
+    return (
+        f"{what}; not understood: {listed(asked)}; say under log which they are"
+        if asked
+        else what
     )
-    return f"{what}; not understood: {listed(asked)}; say under log which they are" if asked else what
 
 
 def _nearest(column: str) -> str:
@@ -515,7 +786,10 @@ def _nearest(column: str) -> str:
     known = words()
     for part in column.replace(".", "_").replace("/", "_").lower().split("_"):
         close = get_close_matches(
-            part.strip("0123456789[]"), [word for word in known if len(word) > 2], n=1, cutoff=0.7
+            part.strip("0123456789[]"),
+            [word for word in known if len(word) > 2],
+            n=1,
+            cutoff=0.7,
         )
         if close:
             return f"{known[close[0]]}?"

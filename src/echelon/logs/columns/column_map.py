@@ -21,7 +21,9 @@ class Channel:
 
     column: str  # its name in the file
     unit: str = ""  # of the column; empty for the SI unit of the quantity
-    scale: float = 1.0  # sign, gear ratio or gain, applied after the conversion to SI units
+    scale: float = (
+        1.0  # sign, gear ratio or gain, applied after the conversion to SI units
+    )
     offset: float = 0.0  # added last, SI unit of the quantity
 
 
@@ -34,13 +36,21 @@ class ColumnMap:
     those of the joints (τ_q = Tᵀ τ_θ) where joints are the outputs.
     """
 
-    time: Channel | None = None  # time stamps; omitted where columns bring their own clocks, or the rate is given
-    rate: Annotated[float, Field(gt=0)] | None = None  # samples per second of a log without time stamps
+    time: Channel | None = (
+        None  # time stamps; omitted where columns bring their own clocks, or the rate is given
+    )
+    rate: Annotated[float, Field(gt=0)] | None = (
+        None  # samples per second of a log without time stamps
+    )
     positions: Mapping[str, Channel] = field(default_factory=dict)
-    velocities: Mapping[str, Channel] = field(default_factory=dict)  # these and accelerations are empty if not logged
+    velocities: Mapping[str, Channel] = field(
+        default_factory=dict
+    )  # these and accelerations are empty if not logged
     accelerations: Mapping[str, Channel] = field(default_factory=dict)
     outputs: Mapping[str, Channel] = field(default_factory=dict)
-    references: Mapping[str, Channel] = field(default_factory=dict)  # positions that the controller was asked for
+    references: Mapping[str, Channel] = field(
+        default_factory=dict
+    )  # positions that the controller was asked for
     # measured inputs that effects use, such as currents, by coordinate or actuator
     inputs: Mapping[str, Channel] = field(default_factory=dict)
 
@@ -60,7 +70,13 @@ class ColumnMap:
 ORDERS = {"position": 0, "reference": 0, "velocity": 1, "acceleration": 2}
 """Times that positions were differentiated, by kind of channel."""
 
-SIGNALS = {"q": "position", "qd": "velocity", "qdd": "acceleration", "reference": "reference", "y": "output"}
+SIGNALS = {
+    "q": "position",
+    "qd": "velocity",
+    "qdd": "acceleration",
+    "reference": "reference",
+    "y": "output",
+}
 """Kind of channel by name of the signal in a recording."""
 
 _PER = ("", "/s", "/s²")
@@ -72,7 +88,9 @@ WRAP = 5.5  # jump of an angle between two samples, rad, that can only be a full
 def actuators(mechanism: Mechanism) -> tuple[Actuator, ...]:
     """The stated actuators, without those that share the name of a coordinate, which then means the coordinate."""
     taken = {*mechanism.positions, *mechanism.velocities}
-    return tuple(actuator for actuator in mechanism.actuators if actuator.name not in taken)
+    return tuple(
+        actuator for actuator in mechanism.actuators if actuator.name not in taken
+    )
 
 
 def coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
@@ -82,7 +100,11 @@ def coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
 
 def independent_coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
     """Names of those coordinates that all others follow from, which are enough in a log."""
-    return mechanism.independent_velocities if ORDERS[kind] else mechanism.independent_positions
+    return (
+        mechanism.independent_velocities
+        if ORDERS[kind]
+        else mechanism.independent_positions
+    )
 
 
 def units(mechanism: Mechanism, kind: str, name: str) -> tuple[str, ...] | None:
@@ -90,7 +112,9 @@ def units(mechanism: Mechanism, kind: str, name: str) -> tuple[str, ...] | None:
     if kind == "input":
         return None
     if kind == "output":
-        found = next((output.unit for output in mechanism.outputs if output.name == name), None)
+        found = next(
+            (output.unit for output in mechanism.outputs if output.name == name), None
+        )
         return ("N·m", "N") if found is None else (found,)
     per = _PER[ORDERS[kind]]
     motion = motion_of(mechanism, name)
@@ -103,7 +127,10 @@ def units(mechanism: Mechanism, kind: str, name: str) -> tuple[str, ...] | None:
 
 def motion_of(mechanism: Mechanism, name: str) -> Motion | None:
     """The motion that has a coordinate of this name; None if there is none."""
-    return next((m for m in mechanism.motions if name in m.positions or name in m.velocities), None)
+    return next(
+        (m for m in mechanism.motions if name in m.positions or name in m.velocities),
+        None,
+    )
 
 
 def signal_names(mechanism: Mechanism, signal: str, columns: int) -> tuple[str, ...]:
@@ -129,23 +156,33 @@ class Series:
         return f"{SIGNALS.get(self.signal, self.signal)} of '{self.name}'"
 
 
-def series(recording: Recording, mechanism: Mechanism, *signals: str) -> Iterator[Series]:
+def series(
+    recording: Recording, mechanism: Mechanism, *signals: str
+) -> Iterator[Series]:
     """Columns of some signals of a recording one by one; of all, and of the inputs, if none are named."""
     for signal in signals or recording.signals:
         if signal in recording.signals:
             values = recording.signals[signal]
-            for column, name in enumerate(signal_names(mechanism, signal, values.shape[1])):
+            for column, name in enumerate(
+                signal_names(mechanism, signal, values.shape[1])
+            ):
                 yield Series(signal, name, values[:, column])
     if not signals:
         for name, values in recording.inputs.items():
             yield Series("input", name, values)
 
 
-def quaternion_columns(mechanism: Mechanism, signal: str, columns: int) -> tuple[int, ...]:
+def quaternion_columns(
+    mechanism: Mechanism, signal: str, columns: int
+) -> tuple[int, ...]:
     """First columns of the quaternions in a signal with ``columns`` columns; only positions hold any."""
     if signal not in _POSITIONS:
         return ()
-    balls = {motion.positions[0] for motion in mechanism.motions if motion.kind is MotionKind.BALL}
+    balls = {
+        motion.positions[0]
+        for motion in mechanism.motions
+        if motion.kind is MotionKind.BALL
+    }
     names = signal_names(mechanism, signal, columns)
     return tuple(column for column, name in enumerate(names) if name in balls)
 
@@ -154,5 +191,11 @@ def angle_columns(mechanism: Mechanism, signal: str, columns: int) -> tuple[int,
     """Columns of the angles of turning joints in a signal with ``columns`` columns; only positions hold any."""
     if signal not in _POSITIONS:
         return ()
-    motions = [motion_of(mechanism, name) for name in signal_names(mechanism, signal, columns)]
-    return tuple(k for k, motion in enumerate(motions) if motion is not None and motion.kind is MotionKind.ROTATION)
+    motions = [
+        motion_of(mechanism, name) for name in signal_names(mechanism, signal, columns)
+    ]
+    return tuple(
+        k
+        for k, motion in enumerate(motions)
+        if motion is not None and motion.kind is MotionKind.ROTATION
+    )

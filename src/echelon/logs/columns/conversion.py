@@ -20,7 +20,14 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
 from echelon.hints import nearest_of, nearest_word
-from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, independent_coordinates, units
+from echelon.logs.columns.column_map import (
+    Channel,
+    ColumnMap,
+    actuators,
+    coordinates,
+    independent_coordinates,
+    units,
+)
 from echelon.logs.columns.column_names import kinds_said
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import listed
@@ -33,9 +40,16 @@ from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import GAP, nominal_period
 
 _GAINED = ("A", "V")  # what drives report instead of forces
-LARGEST = 1e100  # of what sensors measure, in SI units: squares of it still have doubles
+LARGEST = (
+    1e100  # of what sensors measure, in SI units: squares of it still have doubles
+)
 _SMALLEST = 1e-100  # of the largest value of a column that is not zero: its squares still have doubles
-_STATES = {"position": "q", "velocity": "qd", "acceleration": "qdd", "reference": "reference"}
+_STATES = {
+    "position": "q",
+    "velocity": "qd",
+    "acceleration": "qdd",
+    "reference": "reference",
+}
 
 
 def time_candidates(names: Sequence[str]) -> list[str]:
@@ -49,7 +63,9 @@ class Alignment:
 
     table: Table
     columns: ColumnMap
-    used: tuple[str, ...]  # the columns that will be asked for, those of positions first
+    used: tuple[
+        str, ...
+    ]  # the columns that will be asked for, those of positions first
 
     def column(self, name: str) -> Floats:
         """A column on the common clock, shape (N,)."""
@@ -73,10 +89,16 @@ class Alignment:
         for clock in dict.fromkeys(map(self.clock, self.used)):
             if clock != own:
                 stamps = self._stamps(clock)
-                inside &= (base >= stamps[:1].sum()) & (base <= stamps[-1:].sum()) & bool(len(stamps))
+                inside &= (
+                    (base >= stamps[:1].sum())
+                    & (base <= stamps[-1:].sum())
+                    & bool(len(stamps))
+                )
         if len(base) and not inside.any():
             clocks = listed(filter(None, map(self.clock, self.used)))
-            raise InputError(f"the clocks {clocks} have no time in common", source=self.table.source)
+            raise InputError(
+                f"the clocks {clocks} have no time in common", source=self.table.source
+            )
         return inside
 
     def clock(self, name: str) -> str:
@@ -85,20 +107,33 @@ class Alignment:
         if self.columns.rate is not None:
             return ""
         time = self.columns.time
-        if time is not None and (own is None or own in (time.column, self.table.clocks.get(time.column))):
+        if time is not None and (
+            own is None or own in (time.column, self.table.clocks.get(time.column))
+        ):
             return time.column
         if own is None:
             candidates = time_candidates(tuple(self.table.columns))
-            hint = f": by their names, these could be time stamps: {listed(candidates)}" if candidates else ""
+            hint = (
+                f": by their names, these could be time stamps: {listed(candidates)}"
+                if candidates
+                else ""
+            )
             problem = "its samples have no time: name the column with time stamps as time, or write  rate: 1000  (Hz)  "
-            problem += f"under log, which  echelon setup ROBOT LOG -o setup.yaml  writes{hint}"
-            raise InputError(problem, source=self.table.source, element=f"column '{name}'")
+            problem += (
+                f"under log, which  echelon setup ROBOT LOG -o setup.yaml  writes{hint}"
+            )
+            raise InputError(
+                problem, source=self.table.source, element=f"column '{name}'"
+            )
         return own
 
     def _stamps(self, clock: str) -> Floats:
         if not clock:
             if not (self.columns.rate and 0 < self.columns.rate < float("inf")):
-                raise InputError(f"rate must be positive, got {self.columns.rate}", source=self.table.source)
+                raise InputError(
+                    f"rate must be positive, got {self.columns.rate}",
+                    source=self.table.source,
+                )
             count = len(raw_column(self.table, self.used[0]))
             return np.asarray((self.table.first + np.arange(count)) / self.columns.rate)
         values = raw_column(self.table, clock)
@@ -106,15 +141,21 @@ class Alignment:
         if channel is None or channel.column != clock:
             return values
         try:
-            return np.asarray(channel.scale * factor(channel.unit, "s") * values + channel.offset)
+            return np.asarray(
+                channel.scale * factor(channel.unit, "s") * values + channel.offset
+            )
         except InputError as error:
-            raise InputError(error.problem, source=self.table.source, element="unit of time") from None
+            raise InputError(
+                error.problem, source=self.table.source, element="unit of time"
+            ) from None
 
     def _interpolated(self, name: str, stamps: Floats, values: Floats) -> Floats:
         back = np.flatnonzero(~(np.diff(stamps) >= 0))
         if len(back):
             problem = f"its time stamps go backwards at row {back[0] + 1}, so it cannot be brought onto another clock"
-            raise InputError(problem, source=self.table.source, element=f"column '{name}'")
+            raise InputError(
+                problem, source=self.table.source, element=f"column '{name}'"
+            )
         later = np.append(np.diff(stamps) > 0, True)  # of equal stamps the last counts
         stamps, values = stamps[later], values[later]
         wanted = self.time
@@ -130,31 +171,50 @@ class Alignment:
 def raw_column(table: Table, name: str) -> Floats:
     """A column of a table; an error suggests the nearest name."""
     if name not in table.columns:
-        raise InputError(f"there is no column '{name}'{nearest_of(name, table.columns)}", source=table.source)
+        raise InputError(
+            f"there is no column '{name}'{nearest_of(name, table.columns)}",
+            source=table.source,
+        )
     return table.columns[name]
 
 
 def check_lengths(table: Table, groups: Mapping[str, Sequence[str]]) -> None:
     """Refuse columns of one clock with different lengths; the clock itself may be empty."""
     for clock, names in groups.items():
-        sizes = {name: len(raw_column(table, name)) for name in ([clock] if clock else []) + list(names)}
+        sizes = {
+            name: len(raw_column(table, name))
+            for name in ([clock] if clock else []) + list(names)
+        }
         if len(set(sizes.values())) > 1:
-            shown = ", ".join(f"'{name}' {size}" for name, size in list(sizes.items())[:8])
-            raise InputError(f"columns of one clock have different lengths: {shown}", source=table.source)
+            shown = ", ".join(
+                f"'{name}' {size}" for name, size in list(sizes.items())[:8]
+            )
+            raise InputError(
+                f"columns of one clock have different lengths: {shown}",
+                source=table.source,
+            )
 
 
 def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, ...]:
     """Columns that a recording needs; without time or rate also those that could be time stamps, to name them."""
     time = [columns.time] if columns.time is not None else []
-    channels = [*time, *(channel for group in columns.channels.values() for channel in group.values())]
+    channels = [
+        *time,
+        *(channel for group in columns.channels.values() for channel in group.values()),
+    ]
     found = list(dict.fromkeys(channel.column for channel in channels))
     if names:
         strange = [name for name in found if name not in names]
         if len(strange) == 1:
-            raise InputError(f"there is no column '{strange[0]}'{nearest_of(strange[0], names)}")
+            raise InputError(
+                f"there is no column '{strange[0]}'{nearest_of(strange[0], names)}"
+            )
         if strange:
             near = {name: nearest_word(name, names) for name in strange}
-            guesses = (f"'{name}'" + (f" ('{near[name]}'?)" if near[name] else "") for name in strange)
+            guesses = (
+                f"'{name}'" + (f" ('{near[name]}'?)" if near[name] else "")
+                for name in strange
+            )
             raise InputError(f"there are no columns {listed(guesses)}: in brackets the nearest ones the log has, of "
                              f"{listed(names)}")  # fmt: skip
         if columns.time is None and columns.rate is None:
@@ -170,25 +230,46 @@ def recording(table: Table, columns: ColumnMap, mechanism: Mechanism) -> Recordi
         for kind, group in columns.channels.items():
             check_names(mechanism, kind, group)
         aligned = _aligned(table, columns)
-        given = {kind: _read(aligned, mechanism, kind, group) for kind, group in columns.channels.items() if group}
+        given = {
+            kind: _read(aligned, mechanism, kind, group)
+            for kind, group in columns.channels.items()
+            if group
+        }
         signals = {
-            signal: joint_coordinates(mechanism, kind, given[kind]) for kind, signal in _STATES.items() if kind in given
+            signal: joint_coordinates(mechanism, kind, given[kind])
+            for kind, signal in _STATES.items()
+            if kind in given
         }
         if "output" in given:
             signals["y"] = measured_outputs(mechanism, given["output"])
-        outputs = dict(zip((o.name for o in mechanism.outputs), signals["y"].T, strict=True)) if "y" in signals else {}
+        outputs = (
+            dict(zip((o.name for o in mechanism.outputs), signals["y"].T, strict=True))
+            if "y" in signals
+            else {}
+        )
         loads = {name: outputs[name] for name in _loaded(mechanism) if name in outputs}
-        return Recording(table.source, aligned.time, signals, {**loads, **given.get("input", {})})
+        return Recording(
+            table.source, aligned.time, signals, {**loads, **given.get("input", {})}
+        )
 
 
 def _loaded(mechanism: Mechanism) -> set[str]:
     """Places with friction that grows with the load, which is what is measured there unless another input is stated."""
     term = KINDS["load_friction"][0].term
-    return {action.at for effect in mechanism.effects for action in effect.actions if action.term == term}
+    return {
+        action.at
+        for effect in mechanism.effects
+        for action in effect.actions
+        if action.term == term
+    }
 
 
 def _aligned(table: Table, columns: ColumnMap) -> Alignment:
-    names = tuple(channel.column for group in columns.channels.values() for channel in group.values())
+    names = tuple(
+        channel.column
+        for group in columns.channels.values()
+        for channel in group.values()
+    )
     for name in names:
         raw_column(table, name)
     aligned = Alignment(table, columns, tuple(dict.fromkeys(names)))
@@ -199,32 +280,42 @@ def _aligned(table: Table, columns: ColumnMap) -> Alignment:
     return aligned
 
 
-def _units(mechanism: Mechanism, kind: str, name: str, channel: Channel) -> Sequence[str] | None:
+def _units(
+    mechanism: Mechanism, kind: str, name: str, channel: Channel
+) -> Sequence[str] | None:
     """SI units that a column may be in; currents and voltages become forces by a gain that is stated."""
     expected = units(mechanism, kind, name)
     gained = kind == "output" and channel.scale != 1 and expected is not None
     return (*expected, *_GAINED) if gained and expected is not None else expected
 
 
-def _read(aligned: Alignment, mechanism: Mechanism, kind: str, group: Mapping[str, Channel]) -> dict[str, Floats]:
+def _read(
+    aligned: Alignment, mechanism: Mechanism, kind: str, group: Mapping[str, Channel]
+) -> dict[str, Floats]:
     """Values by coordinate, output or actuator: scale · (column in SI units) + offset."""
     found = {}
     for name, channel in group.items():
         try:
-            ratio = channel.scale * factor(channel.unit, _units(mechanism, kind, name, channel))
+            ratio = channel.scale * factor(
+                channel.unit, _units(mechanism, kind, name, channel)
+            )
         except InputError as error:
             where = f"unit of column '{channel.column}' ({kind} of '{name}')"
             raise InputError(error.problem, element=where) from None
         if not np.isfinite(ratio) or ratio == 0 or not np.isfinite(channel.offset):
             problem = f"scale {channel.scale:g} and offset {channel.offset:g}: expected finite numbers, the scale not 0"
-            raise InputError(problem, element=f"column '{channel.column}' ({kind} of '{name}')")
+            raise InputError(
+                problem, element=f"column '{channel.column}' ({kind} of '{name}')"
+            )
         with np.errstate(over="ignore"):
             values = ratio * aligned.column(channel.column) + channel.offset
         largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
         if largest > LARGEST or 0 < largest < _SMALLEST:
             valid = f"{_SMALLEST:.0e} to {LARGEST:.0e}"
             problem = f"goes to {largest:.3g} in SI units, which no sensor measures (valid: {valid})"
-            raise InputError(problem, element=f"column '{channel.column}' ({kind} of '{name}')")
+            raise InputError(
+                problem, element=f"column '{channel.column}' ({kind} of '{name}')"
+            )
         found[name] = values
     return found
 
@@ -249,7 +340,9 @@ def joint_coordinates(mechanism: Mechanism, kind: str, given: Given) -> Floats:
     found = {name: values for name, values in given.items() if name in names}
     moved = [name for name in given if name not in names]
     if moved:
-        found |= _behind_gears(mechanism, kind, {name: given[name] for name in moved}, found)
+        found |= _behind_gears(
+            mechanism, kind, {name: given[name] for name in moved}, found
+        )
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(_say_missing(mechanism, kind, missing), element=kind)
@@ -260,36 +353,58 @@ def check_names(mechanism: Mechanism, kind: str, given: Iterable[str]) -> None:
     """Refuse keys that are no coordinates, outputs or actuators; suggests what was probably meant."""
     motors = [actuator.name for actuator in actuators(mechanism)]
     if kind == "output":
-        valid = [*(output.name for output in mechanism.outputs), *(a.name for a in mechanism.transmission.actuators)]
+        valid = [
+            *(output.name for output in mechanism.outputs),
+            *(a.name for a in mechanism.transmission.actuators),
+        ]
     elif kind == "input":
-        valid = [*mechanism.velocities, *(a.name for a in mechanism.transmission.actuators)]
+        valid = [
+            *mechanism.velocities,
+            *(a.name for a in mechanism.transmission.actuators),
+        ]
     else:
         valid = [*coordinates(mechanism, kind), *motors]
     for name in given:
         if name in mechanism.dependent and kind != "output":
-            raise InputError("it follows from others through a coupling; leave it out", element=f"{kind} of '{name}'")
+            raise InputError(
+                "it follows from others through a coupling; leave it out",
+                element=f"{kind} of '{name}'",
+            )
         if name not in valid:
-            what = "output or actuator" if kind == "output" else "coordinate or actuator"
-            problem = f"{mechanism.name} has no {what} of this name{nearest_of(name, valid)}"
+            what = (
+                "output or actuator" if kind == "output" else "coordinate or actuator"
+            )
+            problem = (
+                f"{mechanism.name} has no {what} of this name{nearest_of(name, valid)}"
+            )
             raise InputError(problem, element=f"{kind} of '{name}'")
 
 
 def _say_missing(mechanism: Mechanism, kind: str, missing: Sequence[str]) -> str:
     text = f"columns are missing for {listed(missing)}"
-    motors = [a.name for a in actuators(mechanism) if any(joint in missing for joint, _ in a.terms)]
+    motors = [
+        a.name
+        for a in actuators(mechanism)
+        if any(joint in missing for joint, _ in a.terms)
+    ]
     text += f", or for the actuators {listed(motors)}" if motors else ""
     rests = f"; of a joint that rests, state where:  locked: {{{missing[0]}: 0}}"
     return text + (rests if kind == "position" else "; give all or none")
 
 
-def _behind_gears(mechanism: Mechanism, kind: str, motors: Given, joints: Given) -> dict[str, Floats]:
+def _behind_gears(
+    mechanism: Mechanism, kind: str, motors: Given, joints: Given
+) -> dict[str, Floats]:
     """The driven coordinates that are not measured at the joint."""
     driven, matrix = transmission_matrix(mechanism)
     every = [actuator.name for actuator in mechanism.actuators]
     unknown = [name for name in driven if name not in joints]
     rows = matrix[[every.index(name) for name in motors]]
     if len(motors) < len(unknown):
-        raise InputError(_say_missing(mechanism, kind, unknown) + f"; {listed(motors)} alone do not determine them")
+        raise InputError(
+            _say_missing(mechanism, kind, unknown)
+            + f"; {listed(motors)} alone do not determine them"
+        )
     if len(motors) > len(unknown):
         raise InputError(
             f"{listed([*joints, *motors])} are measured on both sides of a gear; keep one column for each coordinate",
@@ -297,11 +412,16 @@ def _behind_gears(mechanism: Mechanism, kind: str, motors: Given, joints: Given)
         )
     solved_by = rows[:, [driven.index(name) for name in unknown]]
     if np.linalg.matrix_rank(solved_by) < len(unknown):
-        raise InputError(f"the actuators {listed(motors)} do not determine {listed(unknown)}", element=kind)
+        raise InputError(
+            f"the actuators {listed(motors)} do not determine {listed(unknown)}",
+            element=kind,
+        )
     known = [name for name in driven if name in joints]
     right = np.stack(list(motors.values()))
     if known:
-        right = right - rows[:, [driven.index(name) for name in known]] @ np.stack([joints[name] for name in known])
+        right = right - rows[:, [driven.index(name) for name in known]] @ np.stack(
+            [joints[name] for name in known]
+        )
     return dict(zip(unknown, np.linalg.solve(solved_by, right) + 0.0, strict=True))
 
 
@@ -317,7 +437,10 @@ def measured_outputs(mechanism: Mechanism, given: Given) -> Floats:
     if not motors:
         if missing:
             text = f"columns are missing for {listed(o.name for o in missing)}"
-            raise InputError(f"{text}; or state in the description that they are not measured", element="output")
+            raise InputError(
+                f"{text}; or state in the description that they are not measured",
+                element="output",
+            )
         return _columns([given[output.name] for output in mechanism.outputs])
     found = {name: values for name, values in given.items() if name in names}
     used: set[str] = set()
@@ -335,7 +458,9 @@ def _columns(channels: Sequence[Floats]) -> Floats:
     return np.stack(channels).T
 
 
-def _from_motors(mechanism: Mechanism, output: Output, motors: Given, used: set[str]) -> Floats:
+def _from_motors(
+    mechanism: Mechanism, output: Output, motors: Given, used: set[str]
+) -> Floats:
     total = np.zeros(len(next(iter(motors.values()))))
     for channel, weight in output.terms:
         known = symbol_values(mechanism, weight.symbols())
@@ -349,20 +474,30 @@ def _from_motors(mechanism: Mechanism, output: Output, motors: Given, used: set[
     return total
 
 
-def _shares(mechanism: Mechanism, output: Output, channel: Force | Cut) -> dict[str, float]:
+def _shares(
+    mechanism: Mechanism, output: Output, channel: Force | Cut
+) -> dict[str, float]:
     """Actuators whose forces make a channel, with their ratios."""
     where = f"output '{output.name}'"
     if not isinstance(channel, Force) or channel.side is not Side.JOINT:
         raise InputError(
-            "a column is missing for it; only forces of joints follow from those of actuators", element=where
+            "a column is missing for it; only forces of joints follow from those of actuators",
+            element=where,
         )
     driven, matrix = transmission_matrix(mechanism)
     found = {channel.at: 1.0}
     if channel.at in driven:
         column = matrix[:, driven.index(channel.at)]
-        found = {a.name: float(r) for a, r in zip(mechanism.actuators, column, strict=True) if r}
+        found = {
+            a.name: float(r)
+            for a, r in zip(mechanism.actuators, column, strict=True)
+            if r
+        }
     for effect in mechanism.effects:
-        lossy = next((a.at for a in effect.actions if a.side is Side.ACTUATOR and a.at in found), None)
+        lossy = next(
+            (a.at for a in effect.actions if a.side is Side.ACTUATOR and a.at in found),
+            None,
+        )
         if lossy is not None:
             raise InputError(
                 f"the force of actuator '{lossy}' differs from that at the joint by the effect '{effect.parameter}' in "

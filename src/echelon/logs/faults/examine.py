@@ -20,9 +20,23 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError
-from echelon.logs.columns.column_map import WRAP, Series, motion_of, quaternion_columns, series
+from echelon.logs.columns.column_map import (
+    WRAP,
+    Series,
+    motion_of,
+    quaternion_columns,
+    series,
+)
 from echelon.logs.faults.plausibility import contradictions
-from echelon.logs.finding import Finding, Severity, counted, listed, note, seconds, warning
+from echelon.logs.finding import (
+    Finding,
+    Severity,
+    counted,
+    listed,
+    note,
+    seconds,
+    warning,
+)
 from echelon.logs.recording import Recording
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -40,7 +54,11 @@ _SAMPLED = 101  # of so many samples one is compared first, to tell which channe
 
 
 def examine(
-    recording: Recording, mechanism: Mechanism, *, whole: bool = True, named: bool = True
+    recording: Recording,
+    mechanism: Mechanism,
+    *,
+    whole: bool = True,
+    named: bool = True,
 ) -> tuple[tuple[Finding, ...], Flags]:
     """Findings about a recording, and which of its samples (N,) are usable.
 
@@ -76,19 +94,31 @@ def examine(
     return tuple(findings), usable
 
 
-def _not_finite(recording: Recording, channels: Sequence[Series], whole: bool, findings: Found) -> Flags:
+def _not_finite(
+    recording: Recording, channels: Sequence[Series], whole: bool, findings: Found
+) -> Flags:
     usable = np.isfinite(recording.time)
     if not usable.all():
         count = int(np.sum(~usable))
         where = f"{recording.source}, time, row {int(np.argmin(usable))}"
-        findings.append(warning("not finite", where, f"{counted(count, 'sample')} without a time; left out"))
+        findings.append(
+            warning(
+                "not finite",
+                where,
+                f"{counted(count, 'sample')} without a time; left out",
+            )
+        )
     timeless = ~usable
     for channel in channels:
         good = np.isfinite(channel.values) | timeless
         if good.all():
             continue
         if whole and not np.isfinite(channel.values).any():
-            raise InputError("it holds no numbers, only NaN", source=recording.source, element=channel.label)
+            raise InputError(
+                "it holds no numbers, only NaN",
+                source=recording.source,
+                element=channel.label,
+            )
         starts, stops = runs(~good)
         text = (
             f"{counted(int(np.sum(~good)), 'sample')} not finite (NaN or infinite), in "
@@ -103,11 +133,17 @@ def _without_infinities(recording: Recording) -> Recording:
     """NaN for all that is not finite: differences of infinities would warn."""
 
     def clean(values: Floats) -> Floats:
-        return values if np.isfinite(values).all() else np.where(np.isfinite(values), values, np.nan)
+        return (
+            values
+            if np.isfinite(values).all()
+            else np.where(np.isfinite(values), values, np.nan)
+        )
 
     signals = {name: clean(values) for name, values in recording.signals.items()}
     inputs = {name: clean(values) for name, values in recording.inputs.items()}
-    return replace(recording, time=clean(recording.time), signals=signals, inputs=inputs)
+    return replace(
+        recording, time=clean(recording.time), signals=signals, inputs=inputs
+    )
 
 
 def _quaternions(recording: Recording, mechanism: Mechanism, findings: Found) -> Flags:
@@ -119,22 +155,39 @@ def _quaternions(recording: Recording, mechanism: Mechanism, findings: Found) ->
         off = np.abs(length - 1)
         name = positions[first].name.removesuffix(".w")
         ball = Series("q", name, length)
-        wrong = off > _FAR_FROM_UNIT  # false where it is NaN, which is reported elsewhere
+        wrong = (
+            off > _FAR_FROM_UNIT
+        )  # false where it is NaN, which is reported elsewhere
         if wrong.any():
             usable &= ~wrong
             text = (
                 f"{counted(int(wrong.sum()), 'sample')} with a quaternion of length {length[wrong].min():.3g} to "
                 f"{length[wrong].max():.3g} instead of 1; left out.  Are these columns w, x, y, z?"
             )
-            findings.append(_at(recording, ball, "quaternion", int(np.argmax(wrong)), text))
+            findings.append(
+                _at(recording, ball, "quaternion", int(np.argmax(wrong)), text)
+            )
         elif np.any(off > _NOT_UNIT):
             text = f"quaternions have lengths from {np.nanmin(length):.6g} to {np.nanmax(length):.6g}; normalised"
-            findings.append(_at(recording, ball, "quaternion", int(np.argmax(off > _NOT_UNIT)), text, Severity.NOTE))
+            findings.append(
+                _at(
+                    recording,
+                    ball,
+                    "quaternion",
+                    int(np.argmax(off > _NOT_UNIT)),
+                    text,
+                    Severity.NOTE,
+                )
+            )
     return usable
 
 
 def _constant(
-    recording: Recording, channels: Sequence[Series], usable: Flags, whole: bool, findings: Found
+    recording: Recording,
+    channels: Sequence[Series],
+    usable: Flags,
+    whole: bool,
+    findings: Found,
 ) -> list[Series]:
     """Report channels that never change; the others."""
     moving = []
@@ -149,16 +202,24 @@ def _constant(
                 "y": "is the sensor connected, and is this its column?",
             }.get(channel.signal, "is this its column?")
             text = f"is {values[0]:.6g} in all {len(values)} samples: {what}"
-            findings.append(warning("constant", f"{recording.source}, {channel.label}", text))
+            findings.append(
+                warning("constant", f"{recording.source}, {channel.label}", text)
+            )
     return moving
 
 
-def _duplicates(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
+def _duplicates(
+    recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found
+) -> None:
     alike: dict[bytes, list[Series]] = {}
     for channel in channels:
-        alike.setdefault(channel.values[_rows(usable)][::_SAMPLED].tobytes(), []).append(channel)
+        alike.setdefault(
+            channel.values[_rows(usable)][::_SAMPLED].tobytes(), []
+        ).append(channel)
     groups: dict[bytes, list[Series]] = {}
-    for channel in (channel for group in alike.values() if len(group) > 1 for channel in group):
+    for channel in (
+        channel for group in alike.values() if len(group) > 1 for channel in group
+    ):
         groups.setdefault(channel.values[usable].tobytes(), []).append(channel)
     for group in groups.values():
         # two joints may well be asked to move alike, but they will not
@@ -168,16 +229,24 @@ def _duplicates(recording: Recording, channels: Sequence[Series], usable: Flags,
         if len(group) > 1 and told != {"reference"} and not loads:
             others = listed(channel.label for channel in group[1:])
             text = f"has the same values as {others} in every sample: was one column taken twice?"
-            findings.append(warning("duplicate", f"{recording.source}, {group[0].label}", text))
+            findings.append(
+                warning("duplicate", f"{recording.source}, {group[0].label}", text)
+            )
 
 
-def _saturation(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
+def _saturation(
+    recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found
+) -> None:
     motion = _motion(channels)
     for channel in channels:
         if channel.signal != "y":
             continue
         for limit, starts, stops in pinned(channel.values, usable):
-            moved = any(np.ptp(m[a:b]) > 0 for m in motion for a, b in zip(starts[:50], stops[:50], strict=True))
+            moved = any(
+                np.ptp(m[a:b]) > 0
+                for m in motion
+                for a, b in zip(starts[:50], stops[:50], strict=True)
+            )
             if not moved:
                 continue
             count = int((stops - starts).sum())
@@ -188,15 +257,21 @@ def _saturation(recording: Recording, channels: Sequence[Series], usable: Flags,
             findings.append(_at(recording, channel, "saturation", int(starts[0]), text))
 
 
-def _stuck(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> Flags:
+def _stuck(
+    recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found
+) -> Flags:
     kept = np.ones(len(usable), dtype=bool)
-    speeds = {channel.name: channel.values for channel in channels if channel.signal == "qd"}
+    speeds = {
+        channel.name: channel.values for channel in channels if channel.signal == "qd"
+    }
     for channel in channels:
         if channel.signal not in ("q", "y"):
             continue
         others = [c.values for c in channels if c.signal == "q" and c is not channel]
         speed = speeds.get(channel.name) if channel.signal == "q" else None
-        for start, stop in stuck(recording.time, channel.values, others, speed, usable, channel.signal == "y"):
+        for start, stop in stuck(
+            recording.time, channel.values, others, speed, usable, channel.signal == "y"
+        ):
             kept[start:stop] = False
             text = (
                 f"stays at exactly {channel.values[start]:.6g} until {seconds(recording.time[stop - 1])} s "
@@ -207,7 +282,11 @@ def _stuck(recording: Recording, channels: Sequence[Series], usable: Flags, find
 
 
 def _spikes(
-    recording: Recording, channels: Sequence[Series], mechanism: Mechanism, usable: Flags, findings: Found
+    recording: Recording,
+    channels: Sequence[Series],
+    mechanism: Mechanism,
+    usable: Flags,
+    findings: Found,
 ) -> None:
     """Samples that leave the course of a channel and return at once, as damaged messages do; taken out."""
     for channel in (channel for channel in channels if channel.signal in _TALL):
@@ -224,40 +303,61 @@ def _spikes(
 def spikes(values: Floats, tall: float, turns: bool) -> Integers:
     """Samples, one or two in a row, that lie off the others by more than a share of their range."""
     steps = np.abs(np.diff(values))
-    if len(values) < 10 * _FEWEST or not steps.max() > 0.5 * tall / (1 + tall) * np.ptp(values):
+    if len(values) < 10 * _FEWEST or not steps.max() > 0.5 * tall / (1 + tall) * np.ptp(
+        values
+    ):
         return np.zeros(0, dtype=np.intp)
     values = np.unwrap(values, discont=WRAP) if turns else values
     course = _medians(values, 5)
     off = np.abs(values - course)
     usual = max(float(np.percentile(off, _MOSTLY)), float(np.median(steps[steps > 0])))
     around = _medians(off, 9)  # what rings or trembles for a while is no spike
-    return np.flatnonzero((off > _LEAP * np.maximum(around, usual)) & (off > tall * np.ptp(course)))
+    return np.flatnonzero(
+        (off > _LEAP * np.maximum(around, usual)) & (off > tall * np.ptp(course))
+    )
 
 
 def _medians(values: Floats, width: int) -> Floats:
     """Medians of so many neighbouring values, an odd number."""
-    return np.median(sliding_window_view(np.pad(values, width // 2, mode="edge"), width), axis=1)
+    return np.median(
+        sliding_window_view(np.pad(values, width // 2, mode="edge"), width), axis=1
+    )
 
 
 def _jumps(
-    recording: Recording, channels: Sequence[Series], mechanism: Mechanism, usable: Flags, findings: Found
+    recording: Recording,
+    channels: Sequence[Series],
+    mechanism: Mechanism,
+    usable: Flags,
+    findings: Found,
 ) -> None:
     """Positions that no joint can pass between two samples, as where an encoder was set to another zero; taken out."""
     found: dict[int, list[Series]] = {}
     for channel in channels:
         motion = motion_of(mechanism, channel.name) if channel.signal == "q" else None
         if motion is not None and motion.kind is not MotionKind.BALL:
-            for place in jumps(recording.time, channel.values, usable, motion.kind is MotionKind.ROTATION).tolist():
+            for place in jumps(
+                recording.time,
+                channel.values,
+                usable,
+                motion.kind is MotionKind.ROTATION,
+            ).tolist():
                 found.setdefault(place, []).append(channel)
     for place, where in found.items():
-        size, kind = where[0].values[place + 1] - where[0].values[place], "contradiction"
+        size, kind = (
+            where[0].values[place + 1] - where[0].values[place],
+            "contradiction",
+        )
         text = (
             f"jumps by {size:.4g} between two samples: was the encoder set to another zero?  Use the part before or "
             "after it, or give each part as a file of its own, with the offset of each"
         )
         if len(where) > 1:
             others = listed(channel.name for channel in where[1:])
-            kind, text = "gap", f"jumps by {size:.4g} between two samples, with {others}: are samples missing?"
+            kind, text = (
+                "gap",
+                f"jumps by {size:.4g} between two samples, with {others}: are samples missing?",
+            )
         findings.append(_at(recording, where[0], kind, place + 1, text))
         usable[max(place - _CUT, 0) : place + _CUT + 2] = False
 
@@ -268,7 +368,10 @@ def jumps(time: Floats, values: Floats, usable: Flags, turns: bool) -> Integers:
     good = usable[1:] & usable[:-1] & (apart > 0)
     if good.sum() < 10 * _FEWEST:
         return np.zeros(0, dtype=np.intp)
-    step, least = np.where(good, np.diff(values), 0.0), _LEAST_JUMP * np.ptp(values[usable])
+    step, least = (
+        np.where(good, np.diff(values), 0.0),
+        _LEAST_JUMP * np.ptp(values[usable]),
+    )
     if np.abs(step).max() <= least:  # as nearly always
         return np.zeros(0, dtype=np.intp)
     step /= np.maximum(apart / np.median(apart[good]), 1.0)
@@ -281,10 +384,14 @@ def jumps(time: Floats, values: Floats, usable: Flags, turns: bool) -> Integers:
     alone = np.abs(step) > _LEAP * np.maximum(np.abs(before), np.abs(after))
     alone &= np.abs(step) > least
     # a sensor that wakes up goes on elsewhere, too
-    return np.flatnonzero(alone & (off > _LEAP * max(usual, _NO_ENCODER)) & (before != 0))
+    return np.flatnonzero(
+        alone & (off > _LEAP * max(usual, _NO_ENCODER)) & (before != 0)
+    )
 
 
-def _resolution(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
+def _resolution(
+    recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found
+) -> None:
     for channel in channels:
         if channel.signal != "q":
             continue
@@ -296,7 +403,9 @@ def _resolution(recording: Recording, channels: Sequence[Series], usable: Flags,
             findings.append(note("resolution", where, text))
 
 
-def _smooth(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
+def _smooth(
+    recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found
+) -> None:
     """Positions without the noise or the steps that every encoder has."""
     noise = {
         channel.name: white_noise(channel.values[_rows(usable)], _ORDER)
@@ -311,7 +420,9 @@ def _smooth(recording: Recording, channels: Sequence[Series], usable: Flags, fin
         findings.append(note("smooth", f"{recording.source}, positions", text))
 
 
-def _held(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
+def _held(
+    recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found
+) -> None:
     count = held([values[_rows(usable)] for values in _motion(channels)])
     steps = np.diff(recording.time[usable])
     if count > 1 and np.any(steps > 0):
@@ -333,7 +444,12 @@ def _motion(channels: Sequence[Series]) -> list[Floats]:
 
 
 def _at(
-    recording: Recording, channel: Series, kind: str, row: int, text: str, severity: Severity = Severity.WARNING
+    recording: Recording,
+    channel: Series,
+    kind: str,
+    row: int,
+    text: str,
+    severity: Severity = Severity.WARNING,
 ) -> Finding:
     where = f"{recording.source}, {channel.label}, from {seconds(float(recording.time[row]))} s"
     return Finding(severity, kind, where, text)
@@ -349,7 +465,11 @@ _STEPS = 2.0
 _FEW_LEVELS = 30
 _LEAP = 5.0
 _LEAST_JUMP = 5e-3
-_TALL = {"q": 0.02, "qd": 0.5, "y": 0.5}  # share of its range by which a spike of a signal is off; forces may be rough
+_TALL = {
+    "q": 0.02,
+    "qd": 0.5,
+    "y": 0.5,
+}  # share of its range by which a spike of a signal is off; forces may be rough
 _MOSTLY = 98.0  # per cent of the samples that are no spikes at least
 _CUT = 6  # samples on both sides, so that stretches end there
 
@@ -371,7 +491,12 @@ def runs(flags: Flags) -> tuple[Integers, Integers]:
 
 
 def stuck(
-    time: Floats, values: Floats, others: Sequence[Floats], speed: Floats | None, usable: Flags, output: bool
+    time: Floats,
+    values: Floats,
+    others: Sequence[Floats],
+    speed: Floats | None,
+    usable: Flags,
+    output: bool,
 ) -> Iterator[tuple[int, int]]:
     """First and last-but-one samples of stretches in which a sensor was stuck.
 
@@ -385,20 +510,27 @@ def stuck(
     if output:
         # coarse sensors repeat values as a rule; the extremes are the business of pinned()
         short = (stops - starts)[stops - starts < least]
-        least = max(least, _USUAL * float(np.percentile(short, 95)) if len(short) else 0.0)
+        least = max(
+            least, _USUAL * float(np.percentile(short, 95)) if len(short) else 0.0
+        )
         extremes = (np.min(values[usable]), np.max(values[usable]))
         levels = np.unique(values[usable])
         level = float(np.diff(levels).max()) if 1 < len(levels) <= _FEW_LEVELS else 0.0
     steps = np.abs(np.diff(values))
     steps = steps[np.isfinite(steps) & (steps > 0)]
-    usual, fast = (float(np.percentile(steps, p)) for p in (95, 99)) if len(steps) else (0.0, 0.0)
+    usual, fast = (
+        (float(np.percentile(steps, p)) for p in (95, 99)) if len(steps) else (0.0, 0.0)
+    )
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
         if stop - start < least or not _moves(others, speed, start, stop, usable):
             continue
         if output:
             # a sensor with few levels stays at one of them until the next one is reached
             beside = values[[max(start - 1, 0), min(stop, len(values) - 1)]]
-            if values[start] not in extremes and not np.abs(beside - values[start]).max() <= level:
+            if (
+                values[start] not in extremes
+                and not np.abs(beside - values[start]).max() <= level
+            ):
                 yield start, stop
         elif _contradicted(time, values, speed, start, stop, usable, usual) or _abrupt(
             values, start, stop, usual, fast
@@ -413,18 +545,32 @@ def _equal_runs(values: Floats, usable: Flags) -> tuple[Integers, Integers]:
     return starts, stops + 1
 
 
-def _moves(others: Sequence[Floats], speed: Floats | None, start: int, stop: int, usable: Flags) -> bool:
+def _moves(
+    others: Sequence[Floats], speed: Floats | None, start: int, stop: int, usable: Flags
+) -> bool:
     moved = any(np.ptp(v[start:stop]) > _MOVED * np.ptp(v[usable]) for v in others)
     return moved or (speed is not None and bool(np.any(speed[start:stop])))
 
 
 def _contradicted(
-    time: Floats, values: Floats, speed: Floats | None, start: int, stop: int, usable: Flags, step: float
+    time: Floats,
+    values: Floats,
+    speed: Floats | None,
+    start: int,
+    stop: int,
+    usable: Flags,
+    step: float,
 ) -> bool:
     """Whether the velocity says that a held position moved further than the steps of its sensor explain."""
     if speed is None:
         return False
-    travelled = float(np.sum(0.5 * (speed[start + 1 : stop] + speed[start : stop - 1]) * np.diff(time[start:stop])))
+    travelled = float(
+        np.sum(
+            0.5
+            * (speed[start + 1 : stop] + speed[start : stop - 1])
+            * np.diff(time[start:stop])
+        )
+    )
     return abs(travelled) > max(_MOVED * float(np.ptp(values[usable])), _STEPS * step)
 
 
@@ -452,7 +598,9 @@ def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Integers, Int
         if at.sum() < _PINNED:
             continue
         # the level next to the extreme counts as a neighbour, however coarse the sensor is
-        next_level = float(good[good < high].max() if limit == high else good[good > low].min())
+        next_level = float(
+            good[good < high].max() if limit == high else good[good > low].min()
+        )
         width = max(_BAND * span, 1.5 * abs(limit - next_level))
         near = usable & (np.abs(values - limit) <= width) & ~at
         starts, stops = runs(at)
@@ -489,6 +637,8 @@ def resolution(values: Floats) -> float | None:
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-9 * (levels[-1] - levels[0])]
     step = float(gaps.min())
-    step = float(np.median(gaps[gaps < 1.5 * step]))  # rounding of single levels averages out
+    step = float(
+        np.median(gaps[gaps < 1.5 * step])
+    )  # rounding of single levels averages out
     off = np.abs(gaps / step - np.rint(gaps / step))
     return float(f"{step:.9g}") if np.all(off < 0.05) else None

@@ -17,10 +17,14 @@ from echelon.logs.recording import Recording
 
 _TWICE = (1.6, 2.4)  # steps by those beside them, where one row is missing
 _ONCE = 1.2  # the same up to which none is
-_CLEAR = 8.0  # a step by its noise, from which on it is told whether it is twice as long
+_CLEAR = (
+    8.0  # a step by its noise, from which on it is told whether it is twice as long
+)
 _FEW = 0.002  # share of clear steps that are twice as long, up to which a jerk may be the reason
 _BETWEEN = 0.25  # steps of other lengths, by those that are twice as long: fewer where rows are lost
-_NORMAL = 0.6745  # median of the absolute value of normal noise, by its standard deviation
+_NORMAL = (
+    0.6745  # median of the absolute value of normal noise, by its standard deviation
+)
 _FEWEST = 100  # rows that are looked at
 
 
@@ -32,7 +36,11 @@ def with_lost_rows(recording: Recording) -> tuple[Recording, list[Finding]]:
     if not even or not np.isfinite(q).all():
         return recording, []
     before, after, clear = _ratios(np.diff(q, axis=0))
-    twice = clear & (np.minimum(before, after) > _TWICE[0]) & (np.maximum(before, after) < _TWICE[1])
+    twice = (
+        clear
+        & (np.minimum(before, after) > _TWICE[0])
+        & (np.maximum(before, after) < _TWICE[1])
+    )
     other = clear & (before > _ONCE) & (after > _ONCE) & ~twice
     if twice.sum() <= _FEW * clear.sum() or other.sum() > _BETWEEN * twice.sum():
         return recording, []
@@ -43,7 +51,9 @@ def with_lost_rows(recording: Recording) -> tuple[Recording, list[Finding]]:
         "move twice as far there from one row to the next.  The clock was set on by a period each time; log the time "
         "of each sample, not the number of its row"
     )
-    return replace(recording, time=recording.time + period * late), [warning("lost rows", where, text)]
+    return replace(recording, time=recording.time + period * late), [
+        warning("lost rows", where, text)
+    ]
 
 
 def _ratios(steps: Floats) -> tuple[Floats, Floats, Flags]:
@@ -54,7 +64,9 @@ def _ratios(steps: Floats) -> tuple[Floats, Floats, Flags]:
     before, here, after = steps[:-2], steps[1:-1], steps[2:]
     noise = np.median(np.abs(here - (before + after) / 2), axis=0) / _NORMAL
     told = noise > 0
-    before, here, after = (some[:, told] / noise[told] for some in (before, here, after))
+    before, here, after = (
+        some[:, told] / noise[told] for some in (before, here, after)
+    )
     sizes = [np.sum(some**2, axis=1) for some in (before, after)]
     ratios = [
         np.sum(some * here, axis=1) / np.maximum(size, np.finfo(float).tiny)

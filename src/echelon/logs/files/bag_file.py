@@ -32,7 +32,9 @@ from echelon.inputs import COLUMNS
 from echelon.logs.files.log_file import CHUNK, Table, missing
 from echelon.logs.files.message_sources import END_OF_TIME, Mcap, Rosbag, is_mcap
 
-Labels = tuple[str, ...] | int | None  # names of an array's entries, or how many there are, or None for a single number
+Labels = (
+    tuple[str, ...] | int | None
+)  # names of an array's entries, or how many there are, or None for a single number
 
 _NAME_FIELDS = ("name", "names", "joint_names", "interface_names")
 _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanosecs")
@@ -53,7 +55,9 @@ class Numbers:
     topic: str
     # a field's path, beginning with the topic; how its entries are told apart; and they themselves
     parts: list[tuple[str, Labels, Sequence[float]]] = field(default_factory=list)
-    left_out: dict[str, str] = field(default_factory=dict)  # paths of what is no column, and why
+    left_out: dict[str, str] = field(
+        default_factory=dict
+    )  # paths of what is no column, and why
 
     @classmethod
     def of(cls, topic: str, message: Any) -> Numbers:
@@ -76,21 +80,34 @@ class Numbers:
         else:
             self._fields(fields(value), path, names)
 
-    def _fields(self, found: Sequence[tuple[str, Any]], path: str, names: tuple[str, ...]) -> None:
+    def _fields(
+        self, found: Sequence[tuple[str, Any]], path: str, names: tuple[str, ...]
+    ) -> None:
         own = self._names(found, path) or names
         for name, value in found:
             inner = f"{path}/{name}"
-            is_clock = name in _STAMPS and inner in (f"{self.topic}/header/stamp", f"{self.topic}/timestamp")
+            is_clock = name in _STAMPS and inner in (
+                f"{self.topic}/header/stamp",
+                f"{self.topic}/timestamp",
+            )
             if not is_clock or nanoseconds(value) is None:
                 self.visit(value, inner, own)
 
     def _list(self, values: list[Any], path: str, names: tuple[str, ...]) -> None:
-        if all(entry is None or isinstance(entry, bool | int | float) for entry in values):
-            self._numbers([float("nan") if entry is None else entry for entry in values], path, names)
+        if all(
+            entry is None or isinstance(entry, bool | int | float) for entry in values
+        ):
+            self._numbers(
+                [float("nan") if entry is None else entry for entry in values],
+                path,
+                names,
+            )
         elif len(values) > _LONGEST:
             self._leave_out(path, len(values))
         elif not isinstance(values[0], str):
-            labels = [f"/{name}" for name in names] if len(names) == len(values) else None
+            labels = (
+                [f"/{name}" for name in names] if len(names) == len(values) else None
+            )
             for index, entry in enumerate(values):
                 self.visit(entry, path + (labels[index] if labels else f"[{index}]"))
 
@@ -98,18 +115,30 @@ class Numbers:
         if len(values) > _LONGEST:
             self._leave_out(path, len(values))
         elif values:
-            self.parts.append((path, names if len(names) == len(values) else len(values), values))
+            self.parts.append(
+                (path, names if len(names) == len(values) else len(values), values)
+            )
 
     def _leave_out(self, path: str, length: int) -> None:
-        self.left_out[path] = f"has {length} entries; arrays of at most {_LONGEST} become columns"
+        self.left_out[path] = (
+            f"has {length} entries; arrays of at most {_LONGEST} become columns"
+        )
 
     def _names(self, found: Iterable[tuple[str, Any]], path: str) -> tuple[str, ...]:
         """Names that a message lists for the entries of its arrays."""
         for name, value in found:
-            if name in _NAME_FIELDS and isinstance(value, list) and value and all(isinstance(n, str) for n in value):
+            if (
+                name in _NAME_FIELDS
+                and isinstance(value, list)
+                and value
+                and all(isinstance(n, str) for n in value)
+            ):
                 if len(set(value)) != len(value):
                     twice = next(entry for entry in value if value.count(entry) > 1)
-                    raise InputError(f"a message names '{one_line(twice)}' twice", element=f"'{path}/{name}'")
+                    raise InputError(
+                        f"a message names '{one_line(twice)}' twice",
+                        element=f"'{path}/{name}'",
+                    )
                 return tuple(value)
         return ()
 
@@ -119,14 +148,20 @@ def fields(message: Any) -> list[tuple[str, Any]]:
     if isinstance(message, dict):
         return [(str(name), value) for name, value in message.items()]
     names = getattr(type(message), "__dataclass_fields__", ())
-    return [(name, getattr(message, name)) for name in names if not name.startswith("__")]
+    return [
+        (name, getattr(message, name)) for name in names if not name.startswith("__")
+    ]
 
 
 def stamp(message: Any) -> int | None:
     """The time that a message carries, ``header.stamp`` or ``timestamp``, ns; None without one."""
     found = dict(fields(message))
     inside = dict(fields(found.get("header")))
-    return nanoseconds(inside["stamp"]) if "stamp" in inside else nanoseconds(found.get("timestamp"))
+    return (
+        nanoseconds(inside["stamp"])
+        if "stamp" in inside
+        else nanoseconds(found.get("timestamp"))
+    )
 
 
 def nanoseconds(value: Any) -> int | None:
@@ -138,7 +173,9 @@ def nanoseconds(value: Any) -> int | None:
         return None
     time = seconds * _NANO + rest
     if abs(time) >= END_OF_TIME:
-        raise InputError("a message's time is more than 292 years from zero", element="stamp")
+        raise InputError(
+            "a message's time is more than 292 years from zero", element="stamp"
+        )
     return time
 
 
@@ -178,30 +215,47 @@ class TopicColumns:
             raise InputError(problem, element=f"topic '{self._topic}'") from None
         rows.positions.append(len(self._times))
         if abs(time) >= END_OF_TIME:
-            raise InputError("a message's time is more than 292 years from 1970", element=f"topic '{self._topic}'")
+            raise InputError(
+                "a message's time is more than 292 years from 1970",
+                element=f"topic '{self._topic}'",
+            )
         self._times.append(time)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Columns so far, without clocks."""
-        return tuple(dict.fromkeys(name for rows in self._rows.values() for name in rows.names))
+        return tuple(
+            dict.fromkeys(name for rows in self._rows.values() for name in rows.names)
+        )
 
     def columns(self, clock: str, origin: int) -> Iterator[tuple[str, Floats, str]]:
         """Name, values and clock's name of every column; clocks, in s from ``origin``, are among them and have none."""
         times = (np.array(self._times, dtype=np.int64) - origin * _NANO) / _NANO
         yield clock, times, ""
         for name, (positions, values) in self._merged().items():
-            own = clock if len(positions) == len(times) else clock + name.removeprefix(self._topic)
+            own = (
+                clock
+                if len(positions) == len(times)
+                else clock + name.removeprefix(self._topic)
+            )
             yield name, values, own
             if own != clock:
                 yield own, times[positions], ""
 
     def _new(self, layout: _Layout) -> _Rows:
-        names = [one_line(name) for path, labels in layout for name in _entries(path, labels)]
+        names = [
+            one_line(name) for path, labels in layout for name in _entries(path, labels)
+        ]
         if len(set(names)) != len(names):
             twice = next(name for name in names if names.count(name) > 1)
-            raise InputError("a message holds two numbers of this name", element=f"column '{twice}'")
-        picked = [index for index, name in enumerate(names) if self._wanted is None or name in self._wanted]
+            raise InputError(
+                "a message holds two numbers of this name", element=f"column '{twice}'"
+            )
+        picked = [
+            index
+            for index, name in enumerate(names)
+            if self._wanted is None or name in self._wanted
+        ]
         self._count += len(picked)
         COLUMNS.check(self._count, element=f"topic '{self._topic}'")
         return _Rows(tuple(names[index] for index in picked), tuple(picked))
@@ -211,12 +265,16 @@ class TopicColumns:
         pieces: dict[str, list[tuple[npt.NDArray[np.int64], Floats]]] = {}
         for rows in self._rows.values():
             positions = np.array(rows.positions, dtype=np.int64)
-            matrix = np.array(rows.values, dtype=np.float64).reshape(len(positions), len(rows.names))
+            matrix = np.array(rows.values, dtype=np.float64).reshape(
+                len(positions), len(rows.names)
+            )
             for index, name in enumerate(rows.names):
                 pieces.setdefault(name, []).append((positions, matrix[:, index]))
         found = {}
         for name, some in pieces.items():
-            positions, values = (np.concatenate(parts) for parts in zip(*some, strict=True))
+            positions, values = (
+                np.concatenate(parts) for parts in zip(*some, strict=True)
+            )
             order = np.argsort(positions)
             found[name] = positions[order], values[order]
         return found
@@ -254,21 +312,32 @@ class Topic:
             return received
         own = stamp(message)
         if own is None:
-            raise InputError("a message carries no time, unlike the first one", element=f"topic '{self.name}'")
+            raise InputError(
+                "a message carries no time, unlike the first one",
+                element=f"topic '{self.name}'",
+            )
         return own
 
 
 def first_look(source: Mcap | Rosbag) -> tuple[dict[str, Topic], dict[str, str]]:
     """The topics that can be read, and what is left out with the reason."""
     left_out = {topic: reason for topic, reason in source.topics.items() if reason}
-    columns = {topic: TopicColumns(topic) for topic, reason in source.topics.items() if not reason}
+    columns = {
+        topic: TopicColumns(topic)
+        for topic, reason in source.topics.items()
+        if not reason
+    }
     stamps: dict[str, tuple[int, int]] = {}
     for topic, received, message in source.messages(list(columns), _HEAD):
         stamps.setdefault(topic, (stamp(message) or 0, received))
         numbers = Numbers.of(topic, message)
         columns[topic].add(received, numbers)
         left_out |= numbers.left_out
-    far = {topic: own for topic, (own, received) in stamps.items() if own and abs(own - received) > _FAR}
+    far = {
+        topic: own
+        for topic, (own, received) in stamps.items()
+        if own and abs(own - received) > _FAR
+    }
     topics = {}
     for topic, (own, _) in stamps.items():
         start = min(far.values()) if topic in far else source.start
@@ -296,12 +365,21 @@ class BagFile:
         with locating(self.source):
             self._topics, self._left_out = first_look(self._messages)
         topics = [topic for topic in self._topics.values() if topic.columns]
-        self.names: tuple[str, ...] = tuple(name for topic in topics for name in (topic.clock, *topic.columns))
+        self.names: tuple[str, ...] = tuple(
+            name for topic in topics for name in (topic.clock, *topic.columns)
+        )
         if not self.names:
-            reasons = "; ".join(f"'{topic}': {reason}" for topic, reason in self._left_out.items())
-            raise InputError(f"holds no messages with numbers{reasons and f' ({reasons})'}", source=self.source)
+            reasons = "; ".join(
+                f"'{topic}': {reason}" for topic, reason in self._left_out.items()
+            )
+            raise InputError(
+                f"holds no messages with numbers{reasons and f' ({reasons})'}",
+                source=self.source,
+            )
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """One table: columns of different topics differ in length, so that there are no common rows to cut at."""
         del rows
         with locating(self.source):
@@ -309,7 +387,9 @@ class BagFile:
             table = self._table(collected)
         for name in names or ():
             if name not in table.columns:
-                raise missing(self.source, name, [*self.names, *table.columns], self._left_out)
+                raise missing(
+                    self.source, name, [*self.names, *table.columns], self._left_out
+                )
         yield table
 
     def _collected(self, names: Sequence[str] | None) -> dict[str, TopicColumns]:
@@ -318,7 +398,9 @@ class BagFile:
         topics = list(self._topics) if names is None else self._homes(names)
         collected = {topic: TopicColumns(topic, wanted) for topic in topics}
         for name, received, message in self._messages.messages(topics):
-            collected[name].add(self._topics[name].time(received, message), Numbers.of(name, message))
+            collected[name].add(
+                self._topics[name].time(received, message), Numbers.of(name, message)
+            )
         return collected
 
     def _table(self, collected: dict[str, TopicColumns]) -> Table:
@@ -328,7 +410,10 @@ class BagFile:
             about = self._topics[topic]
             for name, values, clock in found.columns(about.clock, about.origin):
                 if name in columns:
-                    raise InputError("two topics have columns of this name", element=f"column '{name}'")
+                    raise InputError(
+                        "two topics have columns of this name",
+                        element=f"column '{name}'",
+                    )
                 columns[name] = values
                 if clock:
                     clocks[name] = clock
@@ -338,8 +423,16 @@ class BagFile:
         """Topics that hold the columns, or may hold them in later messages."""
         homes: dict[str, None] = {}
         for name in names:
-            known = [topic.name for topic in self._topics.values() if name in (topic.clock, *topic.columns)]
-            known = known or [topic for topic in self._topics if name.startswith((f"{topic}/", f"{topic}["))]
+            known = [
+                topic.name
+                for topic in self._topics.values()
+                if name in (topic.clock, *topic.columns)
+            ]
+            known = known or [
+                topic
+                for topic in self._topics
+                if name.startswith((f"{topic}/", f"{topic}["))
+            ]
             if not known:
                 raise missing(self.source, name, self.names, self._left_out)
             homes |= dict.fromkeys(known)

@@ -24,7 +24,17 @@ from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.inputs import LINE, check_unpacked
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
-from echelon.logs.files.text_layout import COMMENT, LIST, Dialect, cells, flat, is_blank, number, sniff, stamp
+from echelon.logs.files.text_layout import (
+    COMMENT,
+    LIST,
+    Dialect,
+    cells,
+    flat,
+    is_blank,
+    number,
+    sniff,
+    stamp,
+)
 
 _DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")
 _NULLS = ["", "-", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None"]
@@ -44,9 +54,13 @@ class BlockParser:
 
     source: str  # name of the file
     dialect: Dialect
-    picked: tuple[int, ...]  # columns whose numbers are wanted; the cells of the others may hold anything
+    picked: tuple[
+        int, ...
+    ]  # columns whose numbers are wanted; the cells of the others may hold anything
 
-    def parse(self, lines: Sequence[bytes], line: int, before: int = 0) -> tuple[list[Floats], list[InputError]]:
+    def parse(
+        self, lines: Sequence[bytes], line: int, before: int = 0
+    ) -> tuple[list[Floats], list[InputError]]:
         """The picked columns of lines, the first of them number ``line``, and what is wrong with rows left out.
 
         Blank lines and comments give no row.  Rows are left out if they are few beside these and those ``before``, or
@@ -62,7 +76,11 @@ class BlockParser:
         if not text.strip():
             return [np.empty(0) for _ in self.picked], []
         columns = self._by_arrow(text)
-        return (columns, []) if columns is not None else self._by_cells(lines, line, before)
+        return (
+            (columns, [])
+            if columns is not None
+            else self._by_cells(lines, line, before)
+        )
 
     def _by_arrow(self, text: bytes) -> list[Floats] | None:
         """Columns of clean text through pyarrow, or through numpy if it is not installed or cannot cut the lines."""
@@ -73,13 +91,22 @@ class BlockParser:
         except ImportError:
             return self._by_numpy(text)
         wanted = [str(index) for index in self.picked]
-        kinds = {str(index): string() if index in self.dialect.stamps else float64() for index in self.picked}
+        kinds = {
+            str(index): string() if index in self.dialect.stamps else float64()
+            for index in self.picked
+        }
         try:
             table = csv.read_csv(
                 BufferReader(text),
-                csv.ReadOptions(column_names=[str(index) for index in range(len(self.dialect.names))]),
+                csv.ReadOptions(
+                    column_names=[
+                        str(index) for index in range(len(self.dialect.names))
+                    ]
+                ),
                 csv.ParseOptions(delimiter=self.dialect.delimiter),
-                csv.ConvertOptions(column_types=kinds, include_columns=wanted, null_values=_NULLS),
+                csv.ConvertOptions(
+                    column_types=kinds, include_columns=wanted, null_values=_NULLS
+                ),
             )
             return [self._numbers(table.column(name)) for name in wanted]
         except (ArrowException, TypeError):
@@ -89,20 +116,30 @@ class BlockParser:
         """Numbers, or times in seconds; what is no time is a TypeError."""
         if str(column.type) == "string":
             found = [stamp(cell) for cell in column.to_pylist()]
-            return np.array([whole - self.dialect.origin + fraction for whole, fraction in found])  # type: ignore[misc]
+            return np.array(
+                [whole - self.dialect.origin + fraction for whole, fraction in found]
+            )  # type: ignore[misc]
         return np.asarray(column.to_numpy(), dtype=np.float64)
 
     def _by_numpy(self, text: bytes) -> list[Floats] | None:
         try:
             stream = io.StringIO(text.decode("ascii"))
-            rows = np.loadtxt(stream, delimiter=self.dialect.delimiter, comments=None, ndmin=2, quotechar='"')
+            rows = np.loadtxt(
+                stream,
+                delimiter=self.dialect.delimiter,
+                comments=None,
+                ndmin=2,
+                quotechar='"',
+            )
         except ValueError:
             return None
         if rows.shape[1] != len(self.dialect.names):
             return None
         return [np.ascontiguousarray(rows[:, index]) for index in self.picked]
 
-    def _by_cells(self, lines: Sequence[bytes], line: int, before: int) -> tuple[list[Floats], list[InputError]]:
+    def _by_cells(
+        self, lines: Sequence[bytes], line: int, before: int
+    ) -> tuple[list[Floats], list[InputError]]:
         rows: list[list[float]] = []
         wrong: list[InputError] = []
         for current, raw in enumerate(lines, start=line):
@@ -111,7 +148,9 @@ class BlockParser:
                 continue
             try:
                 row = self._row(text, current)
-                rows.append([self._number(row[index], current, index) for index in self.picked])
+                rows.append(
+                    [self._number(row[index], current, index) for index in self.picked]
+                )
             except InputError as error:
                 wrong.append(error)
         count = before + len(rows)
@@ -126,7 +165,9 @@ class BlockParser:
         try:
             row = cells(text, self.dialect.delimiter)
         except InputError as error:
-            raise InputError(error.problem, source=self.source, element=f"line {line}") from None
+            raise InputError(
+                error.problem, source=self.source, element=f"line {line}"
+            ) from None
         if len(row) != len(names):
             problem = f"has {len(row)} {'cell' if len(row) == 1 else 'cells'} where the file has {len(names)} columns"
             raise InputError(problem, source=self.source, element=f"line {line}")
@@ -139,8 +180,14 @@ class BlockParser:
         if value is None:
             shown = one_line(cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "…")
             where = f"line {line}, column '{self.dialect.names[column]}'"
-            hint = "; write times as numbers or as 2026-05-01T12:30:00.25" if _DATE.match(cell) else ""
-            raise InputError(f"'{shown}' is not a number{hint}", source=self.source, element=where)
+            hint = (
+                "; write times as numbers or as 2026-05-01T12:30:00.25"
+                if _DATE.match(cell)
+                else ""
+            )
+            raise InputError(
+                f"'{shown}' is not a number{hint}", source=self.source, element=where
+            )
         return value
 
 
@@ -161,33 +208,54 @@ class CsvFile:
         lines = self._first_lines()
         self._dialect = sniff(lines, self.source)
         self.names: tuple[str, ...] = self._dialect.names
-        last = next(cells(line, self._dialect.delimiter) for line in reversed(lines) if not is_blank(line))
+        last = next(
+            cells(line, self._dialect.delimiter)
+            for line in reversed(lines)
+            if not is_blank(line)
+        )
         told = () if self._dialect.vectors else zip(self.names, last, strict=False)
-        self.worded = tuple(name for name, cell in told if number(cell.replace(",", ".")) is None and not stamp(cell))
+        self.worded = tuple(
+            name
+            for name, cell in told
+            if number(cell.replace(",", ".")) is None and not stamp(cell)
+        )
         self.units = dict(zip(self.names, self._dialect.units, strict=False))
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """Pieces of the file with ``rows`` lines, or fewer where lines are long."""
         chosen = selected(self.source, names, self.names)
         place = {name: index for index, name in enumerate(self.names)}
-        parser = BlockParser(self.source, self._dialect, tuple(place[name] for name in chosen))
+        parser = BlockParser(
+            self.source, self._dialect, tuple(place[name] for name in chosen)
+        )
         first, line = 0, self._dialect.start + 1
         for lines in self._pieces(rows, self._dialect.start):
             columns, wrong = parser.parse(lines, line, first)
             length = len(columns[0]) if columns else 0
             if length:
                 left_out = tuple(f"{error.element}: {error.problem}" for error in wrong)
-                yield Table(self.source, dict(zip(chosen, columns, strict=True)), first=first, left_out=left_out)
+                yield Table(
+                    self.source,
+                    dict(zip(chosen, columns, strict=True)),
+                    first=first,
+                    left_out=left_out,
+                )
             first, line = first + length, line + len(lines)
         if chosen and not first:
-            raise InputError("holds the names of columns but no numbers", source=self.source)
+            raise InputError(
+                "holds the names of columns but no numbers", source=self.source
+            )
 
     def words(self, name: str, rows: int = CHUNK) -> Iterator[list[str]]:
         """A column of words, in the pieces of :meth:`tables`."""
         place, delimiter = self.names.index(name), self._dialect.delimiter
         for lines in self._pieces(rows, self._dialect.start):
             texts = (line.decode("utf-8", errors="replace") for line in lines)
-            rows_of_cells = (cells(text, delimiter) for text in texts if not is_blank(text))
+            rows_of_cells = (
+                cells(text, delimiter) for text in texts if not is_blank(text)
+            )
             yield [row[place] for row in rows_of_cells if len(row) == len(self.names)]
 
     def _pieces(self, rows: int, skipped: int) -> Iterator[list[bytes]]:
@@ -198,7 +266,9 @@ class CsvFile:
             size += _BLOCK
             waiting += lines[skipped:]
             skipped -= min(skipped, len(lines))
-            whole = len(waiting) - len(waiting) % rows if size < _AT_ONCE else len(waiting)
+            whole = (
+                len(waiting) - len(waiting) % rows if size < _AT_ONCE else len(waiting)
+            )
             for start in range(0, whole, rows):
                 yield waiting[start : min(start + rows, whole)]
             if whole:
@@ -213,7 +283,9 @@ class CsvFile:
             while block := stream.read(_BLOCK):
                 check_unpacked(stream.tell() if self._packed else 0, self._packed)
                 *lines, rest = (rest + block.removeprefix(mark)).split(b"\n")
-                LINE.check(len(lines[0] if lines else rest))  # the others are shorter than the block
+                LINE.check(
+                    len(lines[0] if lines else rest)
+                )  # the others are shorter than the block
                 mark = b""
                 yield lines
         if rest:
@@ -235,9 +307,14 @@ class CsvFile:
     def _check_text(self, lines: list[bytes]) -> None:
         start = b"\n".join([*lines, b""])
         if b"\0" in start:
-            raise InputError("is not text, although its name says so", source=self.source)
+            raise InputError(
+                "is not text, although its name says so", source=self.source
+            )
         if b"\r" in start.replace(b"\r\n", b""):
-            raise InputError("has carriage returns inside lines; end lines with a line feed", source=self.source)
+            raise InputError(
+                "has carriage returns inside lines; end lines with a line feed",
+                source=self.source,
+            )
 
 
 def _decoded(line: bytes) -> str:
@@ -258,4 +335,8 @@ def _opened(path: Path) -> IO[bytes]:
     stream = path.open("rb")
     is_wide = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
     stream.seek(0)
-    return cast("IO[bytes]", codecs.EncodedFile(stream, "utf-8", "utf-16")) if is_wide else stream
+    return (
+        cast("IO[bytes]", codecs.EncodedFile(stream, "utf-8", "utf-16"))
+        if is_wide
+        else stream
+    )

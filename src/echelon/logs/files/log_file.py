@@ -36,7 +36,9 @@ class Table:
     # their columns have lengths and clocks of their own.  All other columns have one length and share one clock
     clocks: Mapping[str, str] = field(default_factory=dict)
     first: int = 0  # row of the file with which the table begins, for messages
-    left_out: tuple[str, ...] = ()  # rows that cannot be read, with their lines and reasons; they are not counted
+    left_out: tuple[
+        str, ...
+    ] = ()  # rows that cannot be read, with their lines and reasons; they are not counted
 
 
 class LogFile(Protocol):
@@ -45,7 +47,9 @@ class LogFile(Protocol):
     source: str  # name of the file
     names: tuple[str, ...]  # its columns, without reading their values
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """The content in pieces of at most ``rows`` rows, in order; files that cannot be cut come as one piece."""
         ...
 
@@ -83,11 +87,15 @@ class StampedFile:
         self._stamp = f"{seconds.rstrip('secSEC')}time [s]"
         self.names: tuple[str, ...] = (self._stamp, *file.names)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """Pieces of the file."""
         chosen = selected(self.source, names, self.names)
         parts = self._parts if self._stamp in chosen else ()
-        for table in self._file.tables([*parts, *(name for name in chosen if name != self._stamp)], rows):
+        for table in self._file.tables(
+            [*parts, *(name for name in chosen if name != self._stamp)], rows
+        ):
             columns = dict(table.columns)
             if parts:
                 columns[self._stamp] = columns[parts[0]] + 1e-9 * columns[parts[1]]
@@ -100,7 +108,10 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
     if os.path.isdir(found):
         raise InputError("is a directory; name a file in it", source=source)
     if os.path.exists(found) and not os.path.isfile(found):
-        raise InputError("is a pipe or a device, which cannot be read twice; save it to a file first", source=source)
+        raise InputError(
+            "is a pipe or a device, which cannot be read twice; save it to a file first",
+            source=source,
+        )
     try:
         with found.open("rb") as stream:
             content = stream.read(1)
@@ -126,9 +137,13 @@ def decoding(source: str, kind: str, advice: str = "") -> Iterator[None]:
     except PermissionError as error:
         raise InputError(f"cannot be read: {error.strerror}", source=source) from None
     except Exception as error:  # see the head of this file
-        reason = one_line(str(error))[:_SHOWN].strip().rstrip(".") or type(error).__name__
+        reason = (
+            one_line(str(error))[:_SHOWN].strip().rstrip(".") or type(error).__name__
+        )
         problem = f"cannot be read as {kind}; it is damaged or was cut off ({reason})"
-        raise InputError(f"{problem}; {advice}" if advice else problem, source=source) from error
+        raise InputError(
+            f"{problem}; {advice}" if advice else problem, source=source
+        ) from error
 
 
 def _neighbour(path: Path) -> str:
@@ -140,7 +155,10 @@ def _neighbour(path: Path) -> str:
 
 
 def selected(
-    source: str, asked: Sequence[str] | None, names: Sequence[str], left_out: Mapping[str, str] = _NOTHING
+    source: str,
+    asked: Sequence[str] | None,
+    names: Sequence[str],
+    left_out: Mapping[str, str] = _NOTHING,
 ) -> tuple[str, ...]:
     """The columns to read, each once; all if none were asked for.  ``left_out`` says why the others are none."""
     if asked is None:
@@ -152,13 +170,23 @@ def selected(
     return tuple(dict.fromkeys(asked))
 
 
-def missing(source: str, name: str, names: Sequence[str], left_out: Mapping[str, str] = _NOTHING) -> InputError:
+def missing(
+    source: str, name: str, names: Sequence[str], left_out: Mapping[str, str] = _NOTHING
+) -> InputError:
     """The error for a column that the file does not have, or cannot give."""
     for part, reason in left_out.items():
         if name == part or re.match(re.escape(part) + r"[\[./]", name):
             return InputError(reason, source=source, element=f"column '{name}'")
-    inside = [other for other in names if other.startswith((f"{name}[", f"{name}.", f"{name}/"))]
+    inside = [
+        other
+        for other in names
+        if other.startswith((f"{name}[", f"{name}.", f"{name}/"))
+    ]
     if inside:
         problem = f"has {len(inside)} columns; name one of them, such as '{inside[0]}'"
         return InputError(problem, source=source, element=f"column '{name}'")
-    return InputError(f"no such column{nearest_of(name, names)}", source=source, element=f"column '{name}'")
+    return InputError(
+        f"no such column{nearest_of(name, names)}",
+        source=source,
+        element=f"column '{name}'",
+    )

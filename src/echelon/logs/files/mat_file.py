@@ -35,7 +35,18 @@ from echelon.logs.files.numpy_file import ArrayFile, NamedArray
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
-_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_NUMBERS = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _COMPLEX = 0x0800
 _COMPLEX_NUMBERS = "holds complex numbers, not real numbers"
@@ -56,7 +67,9 @@ class Group:
     """A cell array or an array of structs."""
 
     fields: tuple[str, ...]  # of the structs; empty for cells
-    members: list[Any]  # the values: of one struct or cell after another, columns of the array first
+    members: list[
+        Any
+    ]  # the values: of one struct or cell after another, columns of the array first
 
 
 @dataclass(frozen=True)
@@ -75,7 +88,9 @@ def variables(content: bytes) -> Iterator[tuple[str, Value]]:
     reader, unpacked = _Reader(order), 0
     for kind, payload in _elements(memoryview(content)[_HEADER:], order):
         if kind == _COMPRESSED:
-            plain = zlib.decompressobj().decompress(payload, most_unpacked(len(content)) + 1)
+            plain = zlib.decompressobj().decompress(
+                payload, most_unpacked(len(content)) + 1
+            )
             unpacked += len(plain)
             check_unpacked(unpacked, len(content))
             ((kind, payload),) = _elements(memoryview(plain), order)
@@ -123,7 +138,12 @@ class _Reader:
         shape = tuple(int(size) for size in _numbers(second, self._order))
         return _text(next(parts)[1]), self._value(flags, shape, parts)
 
-    def _value(self, flags: int, shape: tuple[int, ...], parts: Iterator[tuple[int, memoryview]]) -> Value:
+    def _value(
+        self,
+        flags: int,
+        shape: tuple[int, ...],
+        parts: Iterator[tuple[int, memoryview]],
+    ) -> Value:
         kind = flags & 0xFF
         if kind in _OTHER:
             return Unread(_OTHER[kind])
@@ -134,12 +154,20 @@ class _Reader:
         if kind == _STRUCT:
             width = int(_numbers(next(parts), self._order)[0])
             names = bytes(next(parts)[1])
-            fields = tuple(_text(names[start : start + width]) for start in range(0, len(names), width))
+            fields = tuple(
+                _text(names[start : start + width])
+                for start in range(0, len(names), width)
+            )
             return self._group(fields, shape, parts)
         (numbers,) = parts
         return _numbers(numbers, self._order).reshape(shape, order="F")
 
-    def _group(self, fields: tuple[str, ...], shape: tuple[int, ...], parts: Iterator[tuple[int, memoryview]]) -> Value:
+    def _group(
+        self,
+        fields: tuple[str, ...],
+        shape: tuple[int, ...],
+        parts: Iterator[tuple[int, memoryview]],
+    ) -> Value:
         """Cells if there are no fields, although a struct without fields looks the same: it has no parts."""
         count = prod(shape)
         if count > MANY:
@@ -176,7 +204,11 @@ class MatFile(ArrayFile):
             raise InputError(problem, source=source)
         left_out: dict[str, str] = {}
         with decoding(source, _KIND):
-            arrays = [array for name, value in variables(content) for array in _inside(name, value, left_out)]
+            arrays = [
+                array
+                for name, value in variables(content)
+                for array in _inside(name, value, left_out)
+            ]
         super().__init__(found, _KIND, arrays, left_out, source)
 
 
@@ -190,7 +222,9 @@ def _inside(name: str, value: Value, left_out: dict[str, str]) -> Iterator[Named
         for index, member in enumerate(value.members):
             element, field = divmod(index, len(fields))
             label = name if count == 1 else f"{name}[{element}]"
-            yield from _inside(f"{label}.{fields[field]}".removesuffix("."), member, left_out)
+            yield from _inside(
+                f"{label}.{fields[field]}".removesuffix("."), member, left_out
+            )
     else:
         array = value.reshape(plain_shape(value.shape))
         yield NamedArray(name, array.shape, array.dtype, lambda: array)
@@ -247,26 +281,48 @@ class _Inside:
         self._count += 1
         COLUMNS.check(self._count)
         kind = bytes(item.attrs.get(_CLASS, b"double")) if self._matlab else b"double"
-        refers = not isinstance(item, h5py.Group) and h5py.check_ref_dtype(item.dtype) is not None
+        refers = (
+            not isinstance(item, h5py.Group)
+            and h5py.check_ref_dtype(item.dtype) is not None
+        )
         if depth > _DEPTH:
             self.left_out[name] = "lies too deep inside other groups"
         elif isinstance(item, h5py.Group):
             for key in item:
-                if isinstance(item.get(key, getlink=True), h5py.HardLink) and key not in _HIDDEN:
-                    inner = f"{name}{'.' if self._matlab else '/'}{key}" if name else str(key)
+                if (
+                    isinstance(item.get(key, getlink=True), h5py.HardLink)
+                    and key not in _HIDDEN
+                ):
+                    inner = (
+                        f"{name}{'.' if self._matlab else '/'}{key}"
+                        if name
+                        else str(key)
+                    )
                     yield from self.arrays(item[key], inner, depth + 1)
         elif item.is_virtual or item.external:
             self.left_out[name] = "is stored in another file"
         elif refers and item.size > MANY:
-            self.left_out[name] = f"has {item.size} structs or cells; at most {MANY} are opened"
+            self.left_out[name] = (
+                f"has {item.size} structs or cells; at most {MANY} are opened"
+            )
         elif refers:  # cells, or the fields of an array of structs
             for k, reference in enumerate(item[()].ravel()):
-                yield from self.arrays(self._file[reference], f"{name}[{k}]" if item.size > 1 else name, depth + 1)
-        elif not kind.startswith(_CLASSES) or (self._matlab and "MATLAB_empty" in item.attrs):
-            self.left_out[name] = f"is of MATLAB's class {kind.decode(errors='replace')}; save plain arrays"
+                yield from self.arrays(
+                    self._file[reference],
+                    f"{name}[{k}]" if item.size > 1 else name,
+                    depth + 1,
+                )
+        elif not kind.startswith(_CLASSES) or (
+            self._matlab and "MATLAB_empty" in item.attrs
+        ):
+            self.left_out[name] = (
+                f"is of MATLAB's class {kind.decode(errors='replace')}; save plain arrays"
+            )
         else:
             shape = plain_shape(item.shape[::-1]) if self._matlab else item.shape
-            yield NamedArray(name, shape, item.dtype, partial(_read, self._path, item.name, shape))
+            yield NamedArray(
+                name, shape, item.dtype, partial(_read, self._path, item.name, shape)
+            )
 
 
 def _read(path: Path, place: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:

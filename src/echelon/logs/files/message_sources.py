@@ -44,7 +44,9 @@ class RosTypes:
     bag does not define it) and text.
     """
 
-    def __init__(self, definitions: Mapping[str, tuple[str, str]], ros: int = 2) -> None:
+    def __init__(
+        self, definitions: Mapping[str, tuple[str, str]], ros: int = 2
+    ) -> None:
         with extra("ros"):
             from rosbags.typesys import Stores, TypesysError, get_typestore
 
@@ -54,14 +56,18 @@ class RosTypes:
             try:
                 types |= _parsed(name, language, text)
             except TypesysError as error:
-                self.left_out[name] = f"its type {name} is not defined properly in the bag: {error}"
+                self.left_out[name] = (
+                    f"its type {name} is not defined properly in the bag: {error}"
+                )
         if any(name not in types and name not in self.left_out for name in definitions):
             types = {**get_typestore(Stores.ROS2_HUMBLE).fielddefs, **types}
         if ros == 1:  # stamps are of a type that no definition states
             types = {**get_typestore(Stores.ROS1_NOETIC).fielddefs, **types}
         for name in definitions:
             if name not in types and name not in self.left_out:
-                self.left_out[name] = f"its type {name} is defined neither in the bag nor by ROS 2"
+                self.left_out[name] = (
+                    f"its type {name} is defined neither in the bag nor by ROS 2"
+                )
         self._store = get_typestore(Stores.EMPTY)
         self._store.register(types)
         self._ros = ros
@@ -90,7 +96,9 @@ def _parsed(name: str, language: str, text: str) -> dict[str, Any]:
         parts = text.split(_RULE) if text.startswith(_RULE) else [text]
         found: dict[str, Any] = {}
         for part in filter(None, parts):
-            found |= get_types_from_idl(part.split("\n", 1)[1] if part.startswith("IDL: ") else part)
+            found |= get_types_from_idl(
+                part.split("\n", 1)[1] if part.startswith("IDL: ") else part
+            )
         return found
     return {}
 
@@ -110,9 +118,15 @@ class Rosbag:
             connections = list(reader.connections)
             self.start: int = reader.start_time
             if not isinstance(self.start, int) or abs(self.start) >= END_OF_TIME:
-                raise InputError("is damaged: its start is not a time in nanoseconds", source=self.source)
+                raise InputError(
+                    "is damaged: its start is not a time in nanoseconds",
+                    source=self.source,
+                )
             stated = {some.msgtype: some.msgdef for some in connections}
-            texts = {name: (it.format.name.lower().replace("none", ""), it.data) for name, it in stated.items()}
+            texts = {
+                name: (it.format.name.lower().replace("none", ""), it.data)
+                for name, it in stated.items()
+            }
             self._types = RosTypes(texts, self._ros)
         for connection in connections:
             if not isinstance(connection.msgcount, int):
@@ -120,17 +134,32 @@ class Rosbag:
                 raise InputError(problem, source=self.source, element=connection.topic)
         unread = self._types.left_out
         self.topics: Mapping[str, str] = readable_topics(
-            (some.topic, some.msgcount, unread.get(some.msgtype, "")) for some in connections
+            (some.topic, some.msgcount, unread.get(some.msgtype, ""))
+            for some in connections
         )
 
-    def messages(self, topics: Collection[str], head: int | None = None) -> Iterator[tuple[str, int, Any]]:
+    def messages(
+        self, topics: Collection[str], head: int | None = None
+    ) -> Iterator[tuple[str, int, Any]]:
         """Messages in the order of reception: topic, time in ns, content; or only the first few of each publisher."""
         with decoding(self.source, _BAG), self._opened() as reader:
-            chosen = [connection for connection in reader.connections if connection.topic in topics]
-            for group in [chosen] if head is None else [[connection] for connection in chosen]:
-                for connection, time, message in islice(reader.messages(connections=group), head):
+            chosen = [
+                connection
+                for connection in reader.connections
+                if connection.topic in topics
+            ]
+            for group in (
+                [chosen] if head is None else [[connection] for connection in chosen]
+            ):
+                for connection, time, message in islice(
+                    reader.messages(connections=group), head
+                ):
                     # int: a database holds what was put into it, whatever the type of its column
-                    yield connection.topic, int(time), self._types.decode(connection.msgtype, message)
+                    yield (
+                        connection.topic,
+                        int(time),
+                        self._types.decode(connection.msgtype, message),
+                    )
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
@@ -139,7 +168,10 @@ class Rosbag:
         with bags.Reader(self._path) as reader:
             if self._ros == 1:
                 size = self._path.stat().st_size
-                reader.chunks = {place: bounded(chunk, size) for place, chunk in reader.chunks.items()}
+                reader.chunks = {
+                    place: bounded(chunk, size)
+                    for place, chunk in reader.chunks.items()
+                }
             yield reader
 
 
@@ -151,14 +183,20 @@ def readable_topics(channels: Iterable[tuple[str, int, str]]) -> dict[str, str]:
         topic = str(stated)  # the metadata of a bag may say anything
         counts[topic] += count
         reasons[topic] = reasons.get(topic) or reason
-    return {topic: reason if counts[topic] else "its topic has no messages" for topic, reason in reasons.items()}
+    return {
+        topic: reason if counts[topic] else "its topic has no messages"
+        for topic, reason in reasons.items()
+    }
 
 
 def _files(path: Path) -> list[Path]:
     """SQLite files of a bag; an error for what is none."""
     if not os.path.isdir(path):
         if existing_file(path).suffix != ".db3":
-            raise InputError("is no .db3 file; the files of a ROS bag are .bag, .db3 or .mcap", source=os.fspath(path))
+            raise InputError(
+                "is no .db3 file; the files of a ROS bag are .bag, .db3 or .mcap",
+                source=os.fspath(path),
+            )
         return [path]
     existing_file(path / _METADATA)
     return sorted(path.glob("*.db3"))
@@ -187,7 +225,10 @@ class Mcap:
         with decoding(self.source, _MCAP, _ADVICE), self._path.open("rb") as stream:
             stream.seek(-len(_MARK), os.SEEK_END)
             if stream.read() != _MARK:
-                raise InputError(f"was cut off: the end of the MCAP file is missing; {_ADVICE}", source=self.source)
+                raise InputError(
+                    f"was cut off: the end of the MCAP file is missing; {_ADVICE}",
+                    source=self.source,
+                )
             stream.seek(0)
             _reader(stream)  # the package that also brings the unpackers
             check_chunks(stream, self._path.stat().st_size)
@@ -200,7 +241,9 @@ class Mcap:
             for number, channel in index.channels.items()
         )
 
-    def messages(self, topics: Collection[str], head: int | None = None) -> Iterator[tuple[str, int, Any]]:
+    def messages(
+        self, topics: Collection[str], head: int | None = None
+    ) -> Iterator[tuple[str, int, Any]]:
         """Messages in the order of reception: topic, time in ns, content; or only the first few of each topic."""
         with decoding(self.source, _MCAP, _ADVICE), self._path.open("rb") as stream:
             for group in [topics] if head is None else [[topic] for topic in topics]:
@@ -208,7 +251,11 @@ class Mcap:
                 reader = _reader(stream, self._indexed)
                 found = reader.iter_messages(topics=group, log_time_order=head is None)
                 for _, channel, message in islice(found, head):
-                    yield channel.topic, message.log_time, self._decoders[channel.id](message.data)
+                    yield (
+                        channel.topic,
+                        message.log_time,
+                        self._decoders[channel.id](message.data),
+                    )
 
 
 def is_mcap(path: str | os.PathLike[str]) -> bool:
@@ -216,7 +263,9 @@ def is_mcap(path: str | os.PathLike[str]) -> bool:
     if os.path.isdir(path):
         return False
     with existing_file(path).open("rb") as stream:
-        return stream.read(len(_MARK)) == _MARK or os.fspath(path).lower().endswith(".mcap")
+        return stream.read(len(_MARK)) == _MARK or os.fspath(path).lower().endswith(
+            ".mcap"
+        )
 
 
 @dataclass(frozen=True)
@@ -235,7 +284,9 @@ def _reader(stream: IO[bytes], indexed: bool = True) -> Any:
     with extra("ros"):
         from mcap.reader import NonSeekingReader, SeekingReader
     size = os.fstat(stream.fileno()).st_size  # no record is longer
-    return (SeekingReader if indexed else NonSeekingReader)(stream, validate_crcs=True, record_size_limit=size)
+    return (SeekingReader if indexed else NonSeekingReader)(
+        stream, validate_crcs=True, record_size_limit=size
+    )
 
 
 def _index(stream: IO[bytes]) -> _Index:
@@ -243,9 +294,17 @@ def _index(stream: IO[bytes]) -> _Index:
     summary = _reader(stream).get_summary()
     if summary is None or (found := summary.statistics) is None:
         return _scanned(stream)
-    if found.channel_count != len(summary.channels) or found.schema_count != len(summary.schemas):
+    if found.channel_count != len(summary.channels) or found.schema_count != len(
+        summary.schemas
+    ):
         return _scanned(stream)
-    return _Index(True, found.message_start_time, summary.schemas, summary.channels, found.channel_message_counts)
+    return _Index(
+        True,
+        found.message_start_time,
+        summary.schemas,
+        summary.channels,
+        found.channel_message_counts,
+    )
 
 
 def _scanned(stream: IO[bytes]) -> _Index:
@@ -281,11 +340,20 @@ def _decoders(index: _Index, source: str) -> tuple[dict[int, _Decoder], dict[int
             found[number] = partial(parse_json, source=source)
         elif channel.message_encoding == "cdr" and schema is not None:
             names[number] = ros_name(schema.name)
-            definitions[names[number]] = (_LANGUAGES.get(schema.encoding, ""), schema.data.decode())
+            definitions[names[number]] = (
+                _LANGUAGES.get(schema.encoding, ""),
+                schema.data.decode(),
+            )
         else:
-            name = f" (schema {one_line(schema.name)})" if schema is not None else ", without a schema"
+            name = (
+                f" (schema {one_line(schema.name)})"
+                if schema is not None
+                else ", without a schema"
+            )
             encoding = one_line(channel.message_encoding)
-            unread[number] = f"its messages are encoded as '{encoding}'{name}; JSON and ROS 2's CDR are read"
+            unread[number] = (
+                f"its messages are encoded as '{encoding}'{name}; JSON and ROS 2's CDR are read"
+            )
     if definitions:
         types = RosTypes(definitions)
         for number, name in names.items():

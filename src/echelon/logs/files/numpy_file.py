@@ -38,7 +38,9 @@ from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, s
 if TYPE_CHECKING:
     _Path = Path
 else:
-    _Path = type(Path())  # before Python 3.12 only the system's own kind of path can be extended
+    _Path = type(
+        Path()
+    )  # before Python 3.12 only the system's own kind of path can be extended
 
 
 _ENDING = ".npy"
@@ -73,11 +75,20 @@ class ArrayFile:
     """A file of arrays with columns ``name``, ``name[0]``, ``name[0][1]`` and ``name.field``."""
 
     def __init__(
-        self, path: Path, kind: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str], source: str
+        self,
+        path: Path,
+        kind: str,
+        arrays: Sequence[NamedArray],
+        left_out: Mapping[str, str],
+        source: str,
     ) -> None:
         self.source, self._kind, self.left_out = source, kind, dict(left_out)
         self._packed = path.stat().st_size if path.is_file() else None
-        repeated = {name for name, count in Counter(array.name for array in arrays).items() if count > 1}
+        repeated = {
+            name
+            for name, count in Counter(array.name for array in arrays).items()
+            if count > 1
+        }
         self.left_out |= dict.fromkeys(repeated, "occurs more than once")
         COLUMNS.check(len(arrays), source)
         arrays = _turned(arrays)
@@ -85,7 +96,12 @@ class ArrayFile:
         self.length = _common_length(usable)
         usable += _clock(arrays, self.length)
         COLUMNS.check(
-            sum(prod(a.shape[1:]) * _count_numbers(a.kind) for a in usable if a.shape[0] == self.length), source
+            sum(
+                prod(a.shape[1:]) * _count_numbers(a.kind)
+                for a in usable
+                if a.shape[0] == self.length
+            ),
+            source,
         )
         self._columns: dict[str, _Column] = {}
         for array in usable:
@@ -99,17 +115,23 @@ class ArrayFile:
                 self.left_out[array.name] = "is a single value, not a value per row"
         self.names: tuple[str, ...] = tuple(self._columns)
         if not self.names or not self.length:
-            reasons = "; ".join(f"'{name}' {reason}" for name, reason in list(self.left_out.items())[:4])
+            reasons = "; ".join(
+                f"'{name}' {reason}" for name, reason in list(self.left_out.items())[:4]
+            )
             problem = f"holds no arrays of numbers with a row per sample{reasons and f': {reasons}'}"
             raise InputError(problem, source=source)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """Pieces of the file."""
         chosen = selected(self.source, names, self.names, self.left_out)
         picked = {name: self._columns[name] for name in chosen}
         self._check_memory([column.array for column in picked.values()])
         with decoding(self.source, self._kind):
-            loaded = {column.array.name: column.array.load() for column in picked.values()}
+            loaded = {
+                column.array.name: column.array.load() for column in picked.values()
+            }
         for first in range(0, self.length, rows):
             columns = {name: _values(column, loaded[column.array.name][first : first + rows])
                        for name, column in picked.items()}  # fmt: skip
@@ -119,15 +141,23 @@ class ArrayFile:
         """As numbers, which take eight bytes each, and as the arrays that hold them."""
         if self._packed is None:  # they are in memory already
             return
-        sizes = {array.name: array.kind.itemsize * prod(array.shape) for array in arrays}
-        check_unpacked(max(sum(sizes.values()), 8 * self.length * len(arrays)), self._packed, self.source)
+        sizes = {
+            array.name: array.kind.itemsize * prod(array.shape) for array in arrays
+        }
+        check_unpacked(
+            max(sum(sizes.values()), 8 * self.length * len(arrays)),
+            self._packed,
+            self.source,
+        )
 
     def _is_usable(self, array: NamedArray) -> bool:
         entries, numbers = prod(array.shape[1:]), _count_numbers(array.kind)
         if not entries:
             self.left_out[array.name] = "has rows without entries"
         elif not numbers:
-            self.left_out[array.name] = f"holds {_described(array.kind)}, not real numbers"
+            self.left_out[array.name] = (
+                f"holds {_described(array.kind)}, not real numbers"
+            )
         elif entries * numbers > ARRAY_COLUMNS.most:
             problem = f"has {entries * numbers} columns; at most {ARRAY_COLUMNS.most} are read (is it transposed?)"
             self.left_out[array.name] = problem
@@ -136,10 +166,20 @@ class ArrayFile:
 
 def _turned(arrays: Sequence[NamedArray]) -> list[NamedArray]:
     """The arrays with rows along the first axis, where only the second one is as long as most arrays are."""
-    length = _common_length([replace(array, shape=(max(array.shape[:2]),)) for array in arrays if array.shape])
+    length = _common_length(
+        [
+            replace(array, shape=(max(array.shape[:2]),))
+            for array in arrays
+            if array.shape
+        ]
+    )
 
     def turned(array: NamedArray) -> NamedArray:
-        if len(array.shape) != 2 or array.shape[0] == length or array.shape[1] != length:
+        if (
+            len(array.shape) != 2
+            or array.shape[0] == length
+            or array.shape[1] != length
+        ):
             return array
         return replace(array, shape=array.shape[::-1], load=lambda: array.load().T)
 
@@ -148,8 +188,12 @@ def _turned(arrays: Sequence[NamedArray]) -> list[NamedArray]:
 
 def _clock(arrays: Sequence[NamedArray], length: int) -> list[NamedArray]:
     """The time of every row, s, where a single number says the period or the rate and there is no time."""
-    words = {array.name: re.split(r"[^a-z]+", array.name.lower())[-1] for array in arrays}
-    if any(_TIME.fullmatch(words[array.name]) and prod(array.shape) > 1 for array in arrays):
+    words = {
+        array.name: re.split(r"[^a-z]+", array.name.lower())[-1] for array in arrays
+    }
+    if any(
+        _TIME.fullmatch(words[array.name]) and prod(array.shape) > 1 for array in arrays
+    ):
         return []
     for array in arrays:
         power = _PERIODS.get(words[array.name])
@@ -200,7 +244,10 @@ def _number_fields(kind: np.dtype[Any]) -> Iterator[tuple[str, tuple[str | int, 
         inner, shape = kind.subdtype
         for entry in product(*(range(size) for size in shape)):
             for label, fields in _number_fields(inner):
-                yield "".join(f"[{index}]" for index in entry) + label, (*entry, *fields)
+                yield (
+                    "".join(f"[{index}]" for index in entry) + label,
+                    (*entry, *fields),
+                )
     elif kind.kind in "biuf":
         yield "", ()
 
@@ -240,16 +287,22 @@ def _single(path: Path) -> NamedArray:
         shape, kind = _header(stream)
         rest = os.fstat(stream.fileno()).st_size - stream.tell()
     if kind.hasobject:
-        raise InputError("holds pickled Python objects, which are not loaded: they can run code")
+        raise InputError(
+            "holds pickled Python objects, which are not loaded: they can run code"
+        )
     _check_complete(shape, kind, rest)
-    return NamedArray("", shape, kind, lambda: np.load(path, mmap_mode="r", allow_pickle=False))
+    return NamedArray(
+        "", shape, kind, lambda: np.load(path, mmap_mode="r", allow_pickle=False)
+    )
 
 
 def _members(path: Path) -> list[NamedArray]:
     """The arrays of an archive, by their headers."""
     arrays = []
     with zipfile.ZipFile(path) as archive:
-        members = [member for member in archive.infolist() if member.filename.endswith(_ENDING)]
+        members = [
+            member for member in archive.infolist() if member.filename.endswith(_ENDING)
+        ]
         COLUMNS.check(len(members))
         for info in members:
             member = info.filename
@@ -269,7 +322,9 @@ def _loaded(path: Path, member: str) -> npt.NDArray[Any]:
 def _check_complete(shape: tuple[int, ...], kind: np.dtype[Any], rest: int) -> None:
     """The array cannot be larger than what follows its header; its product is exact, however large."""
     if kind.itemsize * prod(shape) > rest and not kind.hasobject:
-        raise ValueError(f"an array of shape {shape} needs more than the {rest} bytes that follow")
+        raise ValueError(
+            f"an array of shape {shape} needs more than the {rest} bytes that follow"
+        )
 
 
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
@@ -280,7 +335,9 @@ def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     elif version == (2, 0):
         shape, _, kind = np.lib.format.read_array_header_2_0(stream)
     else:
-        raise ValueError(f"version {version[0]}.{version[1]} of the format is not known")
+        raise ValueError(
+            f"version {version[0]}.{version[1]} of the format is not known"
+        )
     return shape, kind
 
 
@@ -288,7 +345,11 @@ def is_samples(log: object) -> bool:
     """Whether something is a dict of arrays, a data frame, a matrix or a structured array."""
     if isinstance(log, np.ndarray):
         return log.ndim == 2 or log.dtype.names is not None
-    return isinstance(log, Mapping) or hasattr(log, "collect") or (hasattr(log, "columns") and hasattr(log, "shape"))
+    return (
+        isinstance(log, Mapping)
+        or hasattr(log, "collect")
+        or (hasattr(log, "columns") and hasattr(log, "shape"))
+    )
 
 
 class MemoryLog(_Path):
@@ -299,11 +360,17 @@ class MemoryLog(_Path):
     @classmethod
     def of(cls, samples: Any) -> MemoryLog:
         """Samples with a name made from their content."""
-        arrays = {str(name): _plain(values) for name, values in _by_name(samples).items()}
+        arrays = {
+            str(name): _plain(values) for name, values in _by_name(samples).items()
+        }
         digest = hashlib.sha256()
         for name, values in arrays.items():
             digest.update(name.encode() + str(values.shape).encode())
-            digest.update(np.ascontiguousarray(values).tobytes() if values.dtype != object else b"")
+            digest.update(
+                np.ascontiguousarray(values).tobytes()
+                if values.dtype != object
+                else b""
+            )
         return cls.named(f"samples {digest.hexdigest()[:8]}", arrays)
 
     @classmethod
@@ -318,7 +385,10 @@ class MemoryLog(_Path):
 
     def file(self) -> ArrayFile:
         """The samples, opened for reading."""
-        arrays = [NamedArray(name, some.shape, some.dtype, some.view) for name, some in self.arrays.items()]
+        arrays = [
+            NamedArray(name, some.shape, some.dtype, some.view)
+            for name, some in self.arrays.items()
+        ]
         return ArrayFile(self, "samples", arrays, {}, str(self))
 
 
@@ -328,7 +398,10 @@ def _by_name(samples: Any) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for name, some in samples.items():
             inner = _by_name(some) if isinstance(some, Mapping) else {"": some}
-            found |= {f"{name}/{key}" if key else str(name): values for key, values in inner.items()}
+            found |= {
+                f"{name}/{key}" if key else str(name): values
+                for key, values in inner.items()
+            }
         return found
     if isinstance(samples, np.ndarray):
         return {"": samples}
@@ -338,14 +411,20 @@ def _by_name(samples: Any) -> dict[str, Any]:
         return {name: samples.column(name).to_numpy() for name in samples.column_names}
     # several levels of names are one, such as position/elbow
     names = {
-        name: "/".join(filter(None, map(str, name))) if isinstance(name, tuple) else str(name)
+        name: "/".join(filter(None, map(str, name)))
+        if isinstance(name, tuple)
+        else str(name)
         for name in samples.columns
     }
     columns = {label: samples[name].to_numpy() for name, label in names.items()}
     if len(columns) < len(samples.columns):
         raise InputError("two columns of the data frame have the same name")
     index = getattr(samples, "index", None)
-    if index is not None and type(index).__name__ != "RangeIndex" and index.nlevels == 1:
+    if (
+        index is not None
+        and type(index).__name__ != "RangeIndex"
+        and index.nlevels == 1
+    ):
         columns.setdefault(str(index.name or "time"), index.to_numpy())
     return columns
 
@@ -360,6 +439,8 @@ def _plain(values: Any) -> npt.NDArray[Any]:
             return array
     if array.dtype.kind not in "mM":
         return array
-    whole = array[:1].astype("M8[s]") if array.dtype.kind == "M" else np.zeros(1, "m8[s]")
+    whole = (
+        array[:1].astype("M8[s]") if array.dtype.kind == "M" else np.zeros(1, "m8[s]")
+    )
     spans = (array - whole.astype(array.dtype)).astype("m8[ns]")
     return np.where(np.isnat(spans), np.nan, spans.astype(np.int64) / 1e9)

@@ -66,7 +66,9 @@ _NAMES = {
     Kind.HDF5: ".h5 .hdf5",
     Kind.BAG: ".bag .db3 .mcap",
 }
-_SUFFIXES = {suffix: kind for kind, suffixes in _NAMES.items() for suffix in suffixes.split()}
+_SUFFIXES = {
+    suffix: kind for kind, suffixes in _NAMES.items() for suffix in suffixes.split()
+}
 _ALSO_TEXT = ("", ".log", ".asc", ".prn", ".out")
 _MARKS = {
     b"PAR1": Kind.PARQUET,
@@ -90,7 +92,9 @@ def open_log(path: str | os.PathLike[str]) -> LogFile:
         return episode
     if os.path.isdir(found):
         if not is_bag(found):
-            raise InputError(f"is a directory, not a log{_content(found)}", source=os.fspath(path))
+            raise InputError(
+                f"is a directory, not a log{_content(found)}", source=os.fspath(path)
+            )
         return BagFile(path)
     return with_stamps(_READERS[_kind(existing_file(path))](path))
 
@@ -107,8 +111,14 @@ def log_paths(logs: object) -> list[Path]:
         return _paths(logs)
     if is_samples(logs):
         return [MemoryLog.of(logs)]
-    if not isinstance(logs, Iterable) or isinstance(logs, np.ndarray) or hasattr(logs, "read"):
-        raise InputError(f"expected paths, data frames or dicts of arrays as logs, found {type(logs).__name__}")
+    if (
+        not isinstance(logs, Iterable)
+        or isinstance(logs, np.ndarray)
+        or hasattr(logs, "read")
+    ):
+        raise InputError(
+            f"expected paths, data frames or dicts of arrays as logs, found {type(logs).__name__}"
+        )
     return [path for log in logs for path in log_paths(log)]
 
 
@@ -116,38 +126,59 @@ def _paths(path: str | os.PathLike[str]) -> list[Path]:
     found = Path(path)
     if os.path.isdir(found) and not is_bag(found):
         return _parquet().episodes(found) if is_dataset(found) else _directory(found)
-    return [found if is_bag(found) or is_episode(found) or is_joined(found) else existing_file(path)]
+    return [
+        found
+        if is_bag(found) or is_episode(found) or is_joined(found)
+        else existing_file(path)
+    ]
 
 
 def _directory(path: Path) -> list[Path]:
     kinds: dict[Kind, list[Path]] = {}
     for entry in _entries(path):
-        kind = Kind.BAG if is_bag(entry) else None if entry.is_dir() else _kind_by_name(entry)
+        kind = (
+            Kind.BAG
+            if is_bag(entry)
+            else None
+            if entry.is_dir()
+            else _kind_by_name(entry)
+        )
         if kind is not None:
             kinds.setdefault(kind, []).append(entry)
     if not kinds:
         raise InputError(f"is a directory without logs; {_VALID}", source=str(path))
     if len(kinds) > 1:
-        examples = ", ".join(f"{kind} ({entries[0].name})" for kind, entries in kinds.items())
+        examples = ", ".join(
+            f"{kind} ({entries[0].name})" for kind, entries in kinds.items()
+        )
         problem = f"holds logs of several kinds: {examples}; give each kind a directory of its own"
         raise InputError(problem, source=str(path))
     (logs,) = kinds.values()
     return sorted(logs, key=_natural)
 
 
-def read_table(path: str | os.PathLike[str], names: Sequence[str] | None = None) -> Table:
+def read_table(
+    path: str | os.PathLike[str], names: Sequence[str] | None = None
+) -> Table:
     """A whole log in memory, or some of its columns."""
     log = open_log(path)
     pieces = list(log.tables(names))
     if len(pieces) < 2:
         return pieces[0] if pieces else Table(log.source, {})
-    columns = {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in pieces[0].columns}
+    columns = {
+        name: np.concatenate([piece.columns[name] for piece in pieces])
+        for name in pieces[0].columns
+    }
     return Table(log.source, columns, pieces[0].clocks)
 
 
 def is_joined(path: Path) -> bool:
     """Whether a path names several files that are one log, ``positions.csv+torques.csv``."""
-    return "+" in str(path) and not path.exists() and all(Path(part).exists() for part in str(path).split("+"))
+    return (
+        "+" in str(path)
+        and not path.exists()
+        and all(Path(part).exists() for part in str(path).split("+"))
+    )
 
 
 def is_bag(path: Path) -> bool:
@@ -175,7 +206,9 @@ def _kind(path: Path) -> Kind:
         if start.startswith(mark):
             return kind
     by_name = _kind_by_name(path)
-    if by_name is None and path.suffix.lower() in _ALSO_TEXT:  # in a directory they are notes rather than logs
+    if (
+        by_name is None and path.suffix.lower() in _ALSO_TEXT
+    ):  # in a directory they are notes rather than logs
         return Kind.TEXT
     if by_name is None:
         raise InputError(f"its kind is not known; {_VALID}", source=os.fspath(path))
@@ -192,14 +225,20 @@ def _kind_by_name(path: Path) -> Kind | None:
 
 def _entries(directory: Path) -> list[Path]:
     try:
-        return [entry for entry in directory.iterdir() if not entry.name.startswith(".")]
+        return [
+            entry for entry in directory.iterdir() if not entry.name.startswith(".")
+        ]
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", source=os.fspath(directory)) from None
+        raise InputError(
+            f"cannot be read: {error.strerror or error}", source=os.fspath(directory)
+        ) from None
 
 
 def _content(directory: Path) -> str:
     """What a directory that is no log holds instead."""
-    logs = sorted((entry for entry in _entries(directory) if _kind_by_name(entry)), key=_natural)
+    logs = sorted(
+        (entry for entry in _entries(directory) if _kind_by_name(entry)), key=_natural
+    )
     if not logs:
         return f", and it holds none; {_VALID}"
     if _kind_by_name(logs[0]) is Kind.BAG:
@@ -210,4 +249,6 @@ def _content(directory: Path) -> str:
 def _natural(path: Path) -> list[tuple[int, int, str]]:
     """Order of names in which numbers count as numbers."""
     parts = re.findall(r"\d+|\D+", path.name)
-    return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]
+    return [
+        (0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts
+    ]

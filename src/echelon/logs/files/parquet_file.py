@@ -43,12 +43,17 @@ class Leaf:
     """A number per row."""
 
     column: str  # column of the file that holds it
-    steps: tuple[str | tuple[int, int], ...] = ()  # fields of structs; entries of lists of so many
+    steps: tuple[
+        str | tuple[int, int], ...
+    ] = ()  # fields of structs; entries of lists of so many
 
     @property
     def name(self) -> str:
         """Such as ``column``, ``column.field`` or ``column[0]``."""
-        return self.column + "".join(f".{step}" if isinstance(step, str) else f"[{step[0]}]" for step in self.steps)
+        return self.column + "".join(
+            f".{step}" if isinstance(step, str) else f"[{step[0]}]"
+            for step in self.steps
+        )
 
     def values(self, column: Any, origin: int) -> Floats:
         """The numbers of a piece of the column (N,), NaN where there are none; times count from ``origin``, s."""
@@ -71,13 +76,20 @@ def numbers(array: Any, origin: int) -> Floats:
         scale = ticks
     else:
         values, scale = array, 1
-    floats = np.asarray(pc.cast(values, pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)
+    floats = np.asarray(
+        pc.cast(values, pa.float64(), safe=False).to_numpy(zero_copy_only=False),
+        dtype=np.float64,
+    )
     return floats / scale if scale != 1 else floats
 
 
 def ticks_per_second(kind: Any) -> int:
     """Resolution of a type of times; 0 for other types."""
-    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
+    if (
+        pa.types.is_timestamp(kind)
+        or pa.types.is_duration(kind)
+        or pa.types.is_time(kind)
+    ):
         return _UNITS[kind.unit]
     return 1000 if pa.types.is_date64(kind) else 1 if pa.types.is_date32(kind) else 0
 
@@ -101,14 +113,28 @@ def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
     kind = sample.type
     if pa.types.is_struct(kind):
         for field in kind:
-            yield from leaves(replace(leaf, steps=(*leaf.steps, field.name)), pc.struct_field(sample, field.name))
-    elif pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
+            yield from leaves(
+                replace(leaf, steps=(*leaf.steps, field.name)),
+                pc.struct_field(sample, field.name),
+            )
+    elif (
+        pa.types.is_list(kind)
+        or pa.types.is_large_list(kind)
+        or pa.types.is_fixed_size_list(kind)
+    ):
         length, reason = _length(sample)
         if reason:
             yield leaf, reason
-        complete = sample.filter(pc.equal(pc.list_value_length(sample), length)) if length else sample
+        complete = (
+            sample.filter(pc.equal(pc.list_value_length(sample), length))
+            if length
+            else sample
+        )
         for index in range(length):
-            yield from leaves(replace(leaf, steps=(*leaf.steps, (index, length))), pc.list_element(complete, index))
+            yield from leaves(
+                replace(leaf, steps=(*leaf.steps, (index, length))),
+                pc.list_element(complete, index),
+            )
     else:
         valued = kind.value_type if pa.types.is_dictionary(kind) else kind
         yield leaf, "" if _is_number(valued) else f"holds {kind}, not numbers"
@@ -120,7 +146,13 @@ def _is_text(kind: Any) -> bool:
 
 
 def _is_number(kind: Any) -> bool:
-    plain = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal, pa.types.is_null)
+    plain = (
+        pa.types.is_integer,
+        pa.types.is_floating,
+        pa.types.is_boolean,
+        pa.types.is_decimal,
+        pa.types.is_null,
+    )
     return any(test(kind) for test in plain) or ticks_per_second(kind) > 0
 
 
@@ -128,20 +160,34 @@ def _length(sample: Any) -> tuple[int, str]:
     """Entries of each list, or why the lists cannot be columns."""
     lengths = pc.unique(pc.drop_null(pc.list_value_length(sample))).to_pylist()
     if not lengths:
-        return 0, "its first lists are missing, so that the number of their entries is not known"
+        return (
+            0,
+            "its first lists are missing, so that the number of their entries is not known",
+        )
     if len(lengths) > 1:
-        return 0, f"holds lists of different lengths ({min(lengths)} and {max(lengths)})"
+        return (
+            0,
+            f"holds lists of different lengths ({min(lengths)} and {max(lengths)})",
+        )
     if lengths[0] > _LONGEST:
-        return 0, f"holds lists of {lengths[0]} entries; at most {_LONGEST} become columns"
+        return (
+            0,
+            f"holds lists of {lengths[0]} entries; at most {_LONGEST} become columns",
+        )
     return lengths[0], "" if lengths[0] else "holds empty lists"
 
 
 def _check_lengths(lists: Any, length: int) -> None:
-    lengths = pc.fill_null(pc.list_value_length(lists), length).to_numpy(zero_copy_only=False)
+    lengths = pc.fill_null(pc.list_value_length(lists), length).to_numpy(
+        zero_copy_only=False
+    )
     wrong = np.flatnonzero(lengths != length)
     if wrong.size:
         row = int(wrong[0])
-        raise InputError(f"a list of {lengths[row]} entries where others have {length}", element=f"row {row}")
+        raise InputError(
+            f"a list of {lengths[row]} entries where others have {length}",
+            element=f"row {row}",
+        )
 
 
 class ParquetFile:
@@ -168,11 +214,15 @@ class ParquetFile:
         if not self.names:
             raise InputError("none of its columns holds numbers", source=self.source)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """Pieces of the file."""
         chosen = selected(self.source, names, self.names, self._left_out)
         picked = {name: self._leaves[name] for name in chosen}
-        check_unpacked(8 * self._rows * len(picked), os.path.getsize(self.source), self.source)
+        check_unpacked(
+            8 * self._rows * len(picked), os.path.getsize(self.source), self.source
+        )
         needed = list(dict.fromkeys(leaf.column for leaf in picked.values()))
         with decoding(self.source, _KIND):
             file = self._opened()
@@ -180,7 +230,10 @@ class ParquetFile:
             first = 0
             batches = file.iter_batches(batch_size=rows, columns=needed)
             while (batch := self._next(batches)) is not None:
-                columns = {name: self._values(leaf, batch, first) for name, leaf in picked.items()}
+                columns = {
+                    name: self._values(leaf, batch, first)
+                    for name, leaf in picked.items()
+                }
                 yield Table(self.source, columns, first=first)
                 first += batch.num_rows
 
@@ -188,11 +241,19 @@ class ParquetFile:
         """A column of words, in the pieces of :meth:`tables`."""
         with decoding(self.source, _KIND), self._opened() as file:
             for batch in file.iter_batches(batch_size=rows, columns=[name]):
-                yield ["" if word is None else str(word) for word in batch.column(0).to_pylist()]
+                yield [
+                    "" if word is None else str(word)
+                    for word in batch.column(0).to_pylist()
+                ]
 
     def _opened(self) -> Any:
         # without a buffer, the whole of a column's row group would be read at once
-        return pq.ParquetFile(self.source, page_checksum_verification=True, pre_buffer=False, buffer_size=_BUFFER)
+        return pq.ParquetFile(
+            self.source,
+            page_checksum_verification=True,
+            pre_buffer=False,
+            buffer_size=_BUFFER,
+        )
 
     def _next(self, batches: Iterator[Any]) -> Any:
         with decoding(self.source, _KIND):
@@ -206,7 +267,11 @@ class ParquetFile:
             if not (error.element or "").startswith("row "):
                 raise
             row = first + int(str(error.element).removeprefix("row "))
-            raise InputError(error.problem, source=self.source, element=f"column '{leaf.name}', row {row}") from None
+            raise InputError(
+                error.problem,
+                source=self.source,
+                element=f"column '{leaf.name}', row {row}",
+            ) from None
 
     def _columns(self, head: Any) -> tuple[dict[str, Leaf], dict[str, str]]:
         """Columns by name, and what is none with the reason."""
@@ -222,7 +287,9 @@ class ParquetFile:
                     left_out[leaf.name] = reason
                 elif leaf.name in found:
                     problem = "a field inside another column has the same name"
-                    raise InputError(problem, source=self.source, element=f"column '{leaf.name}'")
+                    raise InputError(
+                        problem, source=self.source, element=f"column '{leaf.name}'"
+                    )
                 else:
                     found[leaf.name] = leaf
         return found, left_out
@@ -235,7 +302,9 @@ def _origin(head: Any) -> int:
         if is_point_in_time(column.type) and len(valid):
             if pa.types.is_date32(column.type):
                 return int(valid[0].cast(pa.int32()).as_py()) * 86400
-            return int(valid[0].cast(pa.int64()).as_py()) // ticks_per_second(column.type)
+            return int(valid[0].cast(pa.int64()).as_py()) // ticks_per_second(
+                column.type
+            )
     return 0
 
 
@@ -249,15 +318,26 @@ def _data_files(dataset: Path) -> list[Path]:
     """The Parquet files with the frames."""
     found = sorted((dataset / "data").rglob("*.parquet"))
     if not found:
-        raise InputError("is a LeRobot dataset without data: there is no data/*/*.parquet", source=str(dataset))
+        raise InputError(
+            "is a LeRobot dataset without data: there is no data/*/*.parquet",
+            source=str(dataset),
+        )
     return found
 
 
 def episodes(dataset: Path) -> list[Path]:
     """The paths of all episodes."""
     with decoding(str(dataset), "a LeRobot dataset"):
-        tables = (pq.read_table(file, columns=[_INDEX]) for file in _data_files(dataset))
-        numbers = sorted({int(number) for table in tables for number in table.column(0).unique().to_pylist()})
+        tables = (
+            pq.read_table(file, columns=[_INDEX]) for file in _data_files(dataset)
+        )
+        numbers = sorted(
+            {
+                int(number)
+                for table in tables
+                for number in table.column(0).unique().to_pylist()
+            }
+        )
     return [dataset / f"episode_{number:06d}" for number in numbers]
 
 
@@ -270,9 +350,13 @@ def _entry_names(dataset: Path) -> dict[str, str]:
     for name, feature in (features if isinstance(features, dict) else {}).items():
         names = feature.get("names") if isinstance(feature, dict) else None
         if isinstance(names, dict):
-            names = next((inner for inner in names.values() if isinstance(inner, list)), None)
+            names = next(
+                (inner for inner in names.values() if isinstance(inner, list)), None
+            )
         if isinstance(names, list) and len(set(map(str, names))) == len(names):
-            found |= {f"{name}[{k}]": f"{name}/{entry}" for k, entry in enumerate(names)}
+            found |= {
+                f"{name}[{k}]": f"{name}/{entry}" for k, entry in enumerate(names)
+            }
     return found
 
 
@@ -284,21 +368,33 @@ class Episode:
         called = _entry_names(path.parent)
         files = _data_files(path.parent)
         named = [file for file in files if file.stem == path.name]  # up to version 2.1
-        self._files = [ParquetFile(file) for file in named or files if named or _may_hold(file, self._number)]
+        self._files = [
+            ParquetFile(file)
+            for file in named or files
+            if named or _may_hold(file, self._number)
+        ]
         if not self._files:
-            raise InputError("the dataset has no frames of this episode", source=self.source)
+            raise InputError(
+                "the dataset has no frames of this episode", source=self.source
+            )
         own = self._files[0].names
         self._columns = {called.get(name, name): name for name in own if name != _INDEX}
         self.names: tuple[str, ...] = tuple(self._columns)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+    def tables(
+        self, names: Sequence[str] | None = None, rows: int = CHUNK
+    ) -> Iterator[Table]:
         """Pieces of the episode."""
         chosen = selected(self.source, names, self.names)
         first = 0
         for file in self._files:
-            for table in file.tables([*(self._columns[name] for name in chosen), _INDEX], rows):
+            for table in file.tables(
+                [*(self._columns[name] for name in chosen), _INDEX], rows
+            ):
                 inside = table.columns[_INDEX] == self._number
-                columns = {name: table.columns[self._columns[name]][inside] for name in chosen}
+                columns = {
+                    name: table.columns[self._columns[name]][inside] for name in chosen
+                }
                 if inside.any():
                     yield Table(self.source, columns, first=first)
                     first += int(inside.sum())
@@ -308,5 +404,10 @@ def _may_hold(file: Path, episode: int) -> bool:
     """Whether a file may hold frames of an episode, by the bounds that its groups of rows state."""
     about = pq.read_metadata(file)
     place = about.schema.names.index(_INDEX)
-    groups = (about.row_group(k).column(place).statistics for k in range(about.num_row_groups))
-    return any(some is None or not some.has_min_max or some.min <= episode <= some.max for some in groups)
+    groups = (
+        about.row_group(k).column(place).statistics for k in range(about.num_row_groups)
+    )
+    return any(
+        some is None or not some.has_min_max or some.min <= episode <= some.max
+        for some in groups
+    )

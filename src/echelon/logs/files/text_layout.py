@@ -21,13 +21,17 @@ from echelon.logs.units import fits
 _DELIMITERS = ("\t", ";", ",", "|", None)
 _MISSING = frozenset({"", "-", "nan", "na", "n/a", "#n/a", "null", "none"})
 _TRUTH = {"true": 1.0, "false": 0.0}
-_NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)", re.ASCII | re.IGNORECASE)
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)",
+    re.ASCII | re.IGNORECASE,
+)
 
 _MARKS = r"#|//|%(?!\w)"  # of comments; %time is a name
 COMMENT = re.compile(rf"^[ \t]*(?:{_MARKS})[^\n]*".encode(), re.MULTILINE)
 _DAYS = r"(?P<y>\d{4})[-/](?P<m>\d\d)[-/](?P<d>\d\d)|(?P<day>\d\d?)\.(?P<month>\d\d?)\.(?P<year>\d{4})"
 _STAMP = re.compile(
-    rf"(?:(?:{_DAYS})[T ])?(\d\d?):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:Z|UTC|([+-]\d\d):?(\d\d))?", re.ASCII | re.IGNORECASE
+    rf"(?:(?:{_DAYS})[T ])?(\d\d?):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:Z|UTC|([+-]\d\d):?(\d\d))?",
+    re.ASCII | re.IGNORECASE,
 )
 LIST = re.compile(rb'"?[\[(]([^\[\]()]*)[\])]"?')
 _EPOCH = date(1970, 1, 1).toordinal()
@@ -42,8 +46,12 @@ class Dialect:
     start: int  # lines before the first row of numbers
     stamps: frozenset[int] = frozenset()  # columns of times such as 12:30:00.25
     origin: int = 0  # second from which these count
-    vectors: bool = False  # whether cells hold lists, ``[0.1, 0.2]``, whose entries are columns
-    units: tuple[str, ...] = ()  # of the columns, where a line below the names states them
+    vectors: bool = (
+        False  # whether cells hold lists, ``[0.1, 0.2]``, whose entries are columns
+    )
+    units: tuple[
+        str, ...
+    ] = ()  # of the columns, where a line below the names states them
 
     @property
     def decimal_comma(self) -> bool:
@@ -55,11 +63,17 @@ def cells(line: str, delimiter: str | None) -> list[str]:
     """A line's cells, without quotes and surrounding blanks."""
     text = line.strip("\r\n")
     if '"' not in text:
-        return text.split() if delimiter is None else [cell.strip() for cell in text.split(delimiter)]
+        return (
+            text.split()
+            if delimiter is None
+            else [cell.strip() for cell in text.split(delimiter)]
+        )
     if delimiter is None:
         text, delimiter = text.replace("\t", " ").strip(), " "
     try:
-        rows = list(csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=False))
+        rows = list(
+            csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=False)
+        )
     except csv.Error as error:
         raise InputError(f"its quotes cannot be read: {error}") from None
     return [cell.strip() for cell in rows[0]] if rows else [""]
@@ -81,7 +95,10 @@ def stamp(cell: str) -> tuple[int, float] | None:
     if found is None:
         return None
     hour, minute, second, fraction, zone, rest = found.groups()[6:]
-    year, month, day = (found[long] or found[short] for long, short in (("y", "year"), ("m", "month"), ("d", "day")))
+    year, month, day = (
+        found[long] or found[short]
+        for long, short in (("y", "year"), ("m", "month"), ("d", "day"))
+    )
     try:
         days = date(int(year), int(month), int(day)).toordinal() - _EPOCH if year else 0
     except ValueError:
@@ -104,9 +121,13 @@ def sniff(lines: list[str], source: str) -> Dialect:
     """
     content = [index for index, line in enumerate(lines) if not is_blank(line)]
     if not content:
-        raise InputError("holds no numbers: all lines are blank or comments", source=source)
+        raise InputError(
+            "holds no numbers: all lines are blank or comments", source=source
+        )
     delimiter = _delimiter([lines[index] for index in content])
-    COLUMNS.check(len(cells(lines[content[0]], delimiter)), source, f"line {content[0] + 1}")
+    COLUMNS.check(
+        len(cells(lines[content[0]], delimiter)), source, f"line {content[0] + 1}"
+    )
     table = [cells(lines[index], delimiter) for index in content]
     usual = table[len(table) // 2]
     begun = {k: found for k, cell in enumerate(usual) if (found := stamp(cell))}
@@ -114,34 +135,74 @@ def sniff(lines: list[str], source: str) -> Dialect:
     head = _head(table, usual, delimiter)
     if head is None:
         first = content[0]
-        above = re.sub(rf"^(?:{_MARKS})+", "", lines[first - 1].strip()).strip() if first else ""
+        above = (
+            re.sub(rf"^(?:{_MARKS})+", "", lines[first - 1].strip()).strip()
+            if first
+            else ""
+        )
         titles = cells(above, delimiter)
-        if above and len(titles) == len(usual) and any(_value(cell, delimiter) is None for cell in titles):
+        if (
+            above
+            and len(titles) == len(usual)
+            and any(_value(cell, delimiter) is None for cell in titles)
+        ):
             return Dialect(delimiter, _names(titles, source, first - 1), first, *times)
-        return Dialect(delimiter, tuple(str(index) for index in range(len(table[0]))), first, *times)
+        return Dialect(
+            delimiter,
+            tuple(str(index) for index in range(len(table[0]))),
+            first,
+            *times,
+        )
     names = _names(_titles(table, head, usual), source, content[head])
     if any(cell[:1] in ("[", "(") for cell in usual) and len(usual) == len(names):
-        entries = [len(LIST.sub(flat(" "), cell.encode()).split()) if cell[:1] in ("[", "(") else 0 for cell in usual]
+        entries = [
+            len(LIST.sub(flat(" "), cell.encode()).split())
+            if cell[:1] in ("[", "(")
+            else 0
+            for cell in usual
+        ]
         pairs = zip(names, entries, strict=True)
-        names = tuple(name for n, count in pairs for name in ([f"{n}[{k}]" for k in range(count)] if count else [n]))
+        names = tuple(
+            name
+            for n, count in pairs
+            for name in ([f"{n}[{k}]" for k in range(count)] if count else [n])
+        )
         return Dialect(delimiter, names, content[head] + 1, *times, vectors=True)
     below = table[head + 1] if head + 1 < len(table) else []
     if len(below) == len(names) and _are_units(below):
-        return Dialect(delimiter, names, content[head + 1] + 1, *times, units=tuple(map(_bare, below)))
+        return Dialect(
+            delimiter,
+            names,
+            content[head + 1] + 1,
+            *times,
+            units=tuple(map(_bare, below)),
+        )
     return Dialect(delimiter, names, content[head] + 1, *times)
 
 
-def _head(table: Sequence[Sequence[str]], usual: Sequence[str], delimiter: str | None) -> int | None:
+def _head(
+    table: Sequence[Sequence[str]], usual: Sequence[str], delimiter: str | None
+) -> int | None:
     """The row of a table that holds the names of its columns; None if it begins with numbers."""
     told = [k for k, cell in enumerate(usual) if _value(cell, delimiter) is not None]
 
     def is_data(row: Sequence[str]) -> bool:
-        return len(row) == len(usual) and bool(told) and all(_value(row[k], delimiter) is not None for k in told)
+        return (
+            len(row) == len(usual)
+            and bool(told)
+            and all(_value(row[k], delimiter) is not None for k in told)
+        )
 
     first = next((k for k, row in enumerate(table) if is_data(row)), len(table))
     fitting = [k for k in range(first) if len(table[k]) in (len(usual), len(usual) - 1)]
-    plain = [k for k in fitting if all(not cell or _value(cell, delimiter) is None for cell in table[k])]
-    plain = [k for k in plain if any(table[k]) and (len(table[k]) > 1 or len(usual) == 1)]
+    plain = [
+        k
+        for k in fitting
+        if all(not cell or _value(cell, delimiter) is None for cell in table[k])
+    ]
+    plain = [
+        k for k in plain if any(table[k]) and (len(table[k]) > 1 or len(usual) == 1)
+    ]
     if len(plain) > 1 and plain[-1] == plain[-2] + 1 and _are_units(table[plain[-1]]):
         return plain[-2]
     if plain:
@@ -149,13 +210,21 @@ def _head(table: Sequence[Sequence[str]], usual: Sequence[str], delimiter: str |
     return 0 if any(_value(cell, delimiter) is None for cell in table[0]) else None
 
 
-def _titles(table: Sequence[Sequence[str]], head: int, usual: Sequence[str]) -> list[str]:
+def _titles(
+    table: Sequence[Sequence[str]], head: int, usual: Sequence[str]
+) -> list[str]:
     """The names in a row, with a cell for every column; where several share one, with those above and below it."""
     row = list(table[head])
-    if len(row) == len(usual) - 1:  # as R writes names of rows, and others a delimiter at the end
+    if (
+        len(row) == len(usual) - 1
+    ):  # as R writes names of rows, and others a delimiter at the end
         row = [*row, ""] if not usual[-1] else ["", *row]
     below = table[head + 1] if head + 1 < len(table) else []
-    if _repeats(row) and len(row) == len(below) and any(cell and number(cell) is None for cell in below):
+    if (
+        _repeats(row)
+        and len(row) == len(below)
+        and any(cell and number(cell) is None for cell in below)
+    ):
         row = _under(row, below)
     for above in reversed(table[:head]):
         if not _repeats(row) or len(above) != len(row):
@@ -170,14 +239,17 @@ def _repeats(row: Sequence[str]) -> bool:
 
 def _under(upper: Sequence[str], lower: Sequence[str]) -> list[str]:
     return [
-        f"{above}/{below}" if above and below else above or below for above, below in zip(upper, lower, strict=True)
+        f"{above}/{below}" if above and below else above or below
+        for above, below in zip(upper, lower, strict=True)
     ]
 
 
 def _are_units(row: Sequence[str]) -> bool:
     """Whether all cells of a row are units, and one of them more than the number 1."""
     told = [unit for cell in row if (unit := _bare(cell))]
-    return all(fits(unit, None) for unit in told) and any(number(unit) is None for unit in told)
+    return all(fits(unit, None) for unit in told) and any(
+        number(unit) is None for unit in told
+    )
 
 
 def _bare(cell: str) -> str:
@@ -187,7 +259,9 @@ def _bare(cell: str) -> str:
 
 def flat(delimiter: str | None) -> Callable[[re.Match[bytes]], bytes]:
     """Writes a list as cells of its own."""
-    return lambda found: (delimiter or " ").encode().join(found.group(1).replace(b",", b" ").split())
+    return lambda found: (
+        (delimiter or " ").encode().join(found.group(1).replace(b",", b" ").split())
+    )
 
 
 def _delimiter(lines: list[str]) -> str | None:
@@ -203,7 +277,10 @@ def _delimiter(lines: list[str]) -> str | None:
         if even:
             return even[0]
     # ragged lines, or a single column: what cuts the first line most often
-    return max(_DELIMITERS, key=lambda delimiter: (len(cells(lines[0], delimiter)), delimiter == ","))
+    return max(
+        _DELIMITERS,
+        key=lambda delimiter: (len(cells(lines[0], delimiter)), delimiter == ","),
+    )
 
 
 def _value(cell: str, delimiter: str | None) -> float | None:
@@ -222,6 +299,10 @@ def _names(row: list[str], source: str, line: int) -> tuple[str, ...]:
     first: dict[str, int] = {}
     for index, name in enumerate(names):
         if first.setdefault(name, index) != index:
-            problem = f"columns {first[name]} and {index} have the same name; rename one"
-            raise InputError(problem, source=source, element=f"line {line + 1}, column '{name}'")
+            problem = (
+                f"columns {first[name]} and {index} have the same name; rename one"
+            )
+            raise InputError(
+                problem, source=source, element=f"line {line + 1}, column '{name}'"
+            )
     return tuple(names)

@@ -63,7 +63,11 @@ def _lz4_size(stream: IO[bytes], end: int, size: int) -> int:
 
     data = stream.read(end - stream.tell())
     stated: int = lz4.frame.get_frame_info(data[:_HEAD])["content_size"]
-    return stated or len(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most_unpacked(size) + 1))
+    return stated or len(
+        lz4.frame.LZ4FrameDecompressor().decompress(
+            data, max_length=most_unpacked(size) + 1
+        )
+    )
 
 
 def bounded(chunk: Any, size: int) -> Any:
@@ -89,7 +93,9 @@ def check_bag(path: Path, databases: list[Path]) -> None:
     metadata = path / "metadata.yaml"
     packing = _check_metadata(metadata) if metadata.is_file() else ""
     for database in databases:
-        with closing(sqlite3.connect(f"{database.absolute().as_uri()}?immutable=1", uri=True)) as connection:
+        with closing(
+            sqlite3.connect(f"{database.absolute().as_uri()}?immutable=1", uri=True)
+        ) as connection:
             _check_database(connection, packing == "message", database.stat().st_size)
     for file in path.glob("*.mcap"):
         with file.open("rb") as stream:
@@ -104,7 +110,9 @@ def _check_metadata(path: Path) -> str:
     """How the messages are packed, after the texts inside have been looked at."""
     documents = parse_yaml(read_content(path), str(path))
     found = documents[0].data if documents else None
-    about = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
+    about = (
+        found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
+    )
     if not isinstance(about, dict):
         return ""  # rosbags says what is missing
     topics = about.get("topics_with_message_count")
@@ -116,13 +124,22 @@ def _check_metadata(path: Path) -> str:
 
 
 def _check_database(connection: sqlite3.Connection, packed: bool, size: int) -> None:
-    kinds = dict(connection.execute("SELECT name, type || coalesce(sql, '') FROM sqlite_master").fetchall())
+    kinds = dict(
+        connection.execute(
+            "SELECT name, type || coalesce(sql, '') FROM sqlite_master"
+        ).fetchall()
+    )
     for table in _READ:
         columns = connection.execute(f"PRAGMA table_xinfo({table})").fetchall()
         plain = kinds.get(table, "").lower().startswith("tablecreate table")
         if (table in kinds and not plain) or any(column[-1] for column in columns):
-            raise InputError("is not a table of a bag: its rows are computed", element=f"table '{table}'")
-    if any(name == _QOS for _, name, *_ in connection.execute("PRAGMA table_xinfo(topics)")):
+            raise InputError(
+                "is not a table of a bag: its rows are computed",
+                element=f"table '{table}'",
+            )
+    if any(
+        name == _QOS for _, name, *_ in connection.execute("PRAGMA table_xinfo(topics)")
+    ):
         for (text,) in connection.execute(f"SELECT {_QOS} FROM topics"):
             parse_yaml(str(text), _QOS)
     if packed:
@@ -130,10 +147,14 @@ def _check_database(connection: sqlite3.Connection, packed: bool, size: int) -> 
 
 
 def _message_sizes(connection: sqlite3.Connection, size: int) -> Iterator[int]:
-    for row, head in connection.execute(f"SELECT rowid, substr(data, 1, {_HEAD}) FROM messages"):
+    for row, head in connection.execute(
+        f"SELECT rowid, substr(data, 1, {_HEAD}) FROM messages"
+    ):
         stated = _zstd_size(bytes(head))
         if stated is None:
-            (data,) = connection.execute("SELECT data FROM messages WHERE rowid = ?", (row,)).fetchone()
+            (data,) = connection.execute(
+                "SELECT data FROM messages WHERE rowid = ?", (row,)
+            ).fetchone()
             stated = _unpacked_size(data, most_unpacked(size))
         yield stated
 
@@ -143,7 +164,9 @@ def _unpacked_size(packed: bytes | IO[bytes], most: int) -> int:
     import zstandard
 
     counted = 0
-    for piece in zstandard.ZstdDecompressor().read_to_iter(packed, read_size=_BLOCK, write_size=_BLOCK):
+    for piece in zstandard.ZstdDecompressor().read_to_iter(
+        packed, read_size=_BLOCK, write_size=_BLOCK
+    ):
         counted += len(piece)
         if counted > most:
             break

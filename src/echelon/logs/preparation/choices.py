@@ -29,7 +29,14 @@ from echelon.logs.preparation.prepare import (
 )
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.filters import NEAR, PASSED, REACH, butterworth, derivative, lowpass
+from echelon.signals.filters import (
+    NEAR,
+    PASSED,
+    REACH,
+    butterworth,
+    derivative,
+    lowpass,
+)
 from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spectra
 
 HARMONICS = 12
@@ -48,7 +55,9 @@ SIGMAS = 2.0
 
 ROWS = 10  # rows per parameter below which none are left out
 
-FLATTEST = 1 / 6  # share of the rate up to which derivatives are right to two thousandths
+FLATTEST = (
+    1 / 6
+)  # share of the rate up to which derivatives are right to two thousandths
 
 _RATES_ALIKE = 1e-3
 _AGREEING = 0.05
@@ -82,8 +91,14 @@ class Signals:
         if not segments:
             raise InputError("there is no data to choose settings from")
         longest = max(segments, key=len).rate
-        alike = [segment for segment in segments if abs(segment.rate - longest) <= _RATES_ALIKE * longest]
-        return Signals(tuple(usable(segment, mechanism) for segment in alike), mechanism)
+        alike = [
+            segment
+            for segment in segments
+            if abs(segment.rate - longest) <= _RATES_ALIKE * longest
+        ]
+        return Signals(
+            tuple(usable(segment, mechanism) for segment in alike), mechanism
+        )
 
     @property
     def rate(self) -> float:
@@ -98,7 +113,11 @@ class Signals:
     def rows(self, made: Preparation) -> float:
         """Rows of all outputs that a band leaves."""
         samples = sum(len(segment) for segment in self.segments)
-        return samples * len(self.mechanism.outputs) * min(1.0, 2 * (made.band or np.inf) / PASSED / self.rate)
+        return (
+            samples
+            * len(self.mechanism.outputs)
+            * min(1.0, 2 * (made.band or np.inf) / PASSED / self.rate)
+        )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -118,7 +137,10 @@ class Signals:
     def spectra_of(self, signal: str) -> list[Spectrum]:
         """Spectra of every column of a signal."""
         with locating(self.source):
-            some = (s.signals["q"] if signal == "q" else measured_signal(s, signal) for s in self.segments)
+            some = (
+                s.signals["q"] if signal == "q" else measured_signal(s, signal)
+                for s in self.segments
+            )
             return spectra(list(some), self.rate)
 
     @cached_property
@@ -152,7 +174,10 @@ class Signals:
     @property
     def agreeing(self) -> bool:
         """Whether velocities were logged that are those of the positions."""
-        if any("qd" not in segment.signals for segment in self.segments) or self.disagreement > _AGREEING:
+        if (
+            any("qd" not in segment.signals for segment in self.segments)
+            or self.disagreement > _AGREEING
+        ):
             return False
         if self.repeated > _REPEATED:
             return False
@@ -162,43 +187,76 @@ class Signals:
     def disagreement(self) -> float:
         """Largest rms of measured less differentiated velocities in the band of the motion, by that of the velocity."""
         edge, segment = 2 * self.fastest[1], max(self.segments, key=len)
-        if edge > FLATTEST * segment.rate or quaternion_columns(self.mechanism, "q", len(self.names)):
+        if edge > FLATTEST * segment.rate or quaternion_columns(
+            self.mechanism, "q", len(self.names)
+        ):
             return np.inf
-        x, v = (lowpass(segment.signals[name], edge, segment.rate)[:, self.moving] for name in ("q", "qd"))
+        x, v = (
+            lowpass(segment.signals[name], edge, segment.rate)[:, self.moving]
+            for name in ("q", "qd")
+        )
         spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
-        apart, size = (np.std(some[spoilt:-spoilt], axis=0) for some in (derivative(x, segment.rate) - v, v))
-        return float(np.max(apart / size)) if len(v) > 2 * spoilt and (size > 0).all() else np.inf
+        apart, size = (
+            np.std(some[spoilt:-spoilt], axis=0)
+            for some in (derivative(x, segment.rate) - v, v)
+        )
+        return (
+            float(np.max(apart / size))
+            if len(v) > 2 * spoilt and (size > 0).all()
+            else np.inf
+        )
 
     @cached_property
     def repeated(self) -> float:
         """Share of the noise of the velocities that is noise of the positions, by the nearest samples of these."""
         edge, segment = HARMONICS * self.fastest[1], max(self.segments, key=len)
-        if edge > _NOISY * segment.rate or quaternion_columns(self.mechanism, "q", len(self.names)):
+        if edge > _NOISY * segment.rate or quaternion_columns(
+            self.mechanism, "q", len(self.names)
+        ):
             return 0.0
-        parts = (segment.signals[name][:_SHOWING_NOISE, self.moving] for name in ("q", "qd"))
+        parts = (
+            segment.signals[name][:_SHOWING_NOISE, self.moving] for name in ("q", "qd")
+        )
         q, v = (values - lowpass(values, edge, segment.rate) for values in parts)
         spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
         inside = slice(spoilt, -spoilt)
         shares = []
         for x, y in zip(q.T, v[inside].T, strict=True):
-            taps = np.column_stack([np.roll(x, lag)[inside] for lag in range(-REACH, REACH + 1)])
+            taps = np.column_stack(
+                [np.roll(x, lag)[inside] for lag in range(-REACH, REACH + 1)]
+            )
             rest = y - taps @ np.linalg.lstsq(taps, y)[0]
-            shares.append(1 - float(rest @ rest) / max(float(y @ y), np.finfo(float).tiny))
+            shares.append(
+                1 - float(rest @ rest) / max(float(y @ y), np.finfo(float).tiny)
+            )
         return float(np.median(shares)) if len(v) > 2 * spoilt + 10 * REACH else 0.0
 
     def noise(self, made: Preparation) -> Floats:
         """Standard deviation of the noise that the velocity of a state has, for every velocity."""
         if "qd" in (made.measured or ()):
-            own = cutoffs(made, self.rate, velocity_names(self.mechanism, len(self.names)))
-            return np.array([noise_deviation(s, 0, c) for s, c in zip(self.velocity_spectra, own, strict=True)])
+            own = cutoffs(
+                made, self.rate, velocity_names(self.mechanism, len(self.names))
+            )
+            return np.array(
+                [
+                    noise_deviation(s, 0, c)
+                    for s, c in zip(self.velocity_spectra, own, strict=True)
+                ]
+            )
         own = cutoffs(made, self.rate, self.names)
-        noise = [noise_deviation(s, 1, c) for s, c in zip(self.spectra, own, strict=True)]
+        noise = [
+            noise_deviation(s, 1, c) for s, c in zip(self.spectra, own, strict=True)
+        ]
         balls = quaternion_columns(self.mechanism, "q", len(noise))
         found: list[float] = []
         column = 0
         while column < len(noise):
-            if column in balls:  # the angular velocity is twice the product of the quaternion with its derivative
-                found += 3 * [2 * float(np.sqrt(np.mean(np.square(noise[column : column + 4]))))]
+            if (
+                column in balls
+            ):  # the angular velocity is twice the product of the quaternion with its derivative
+                found += 3 * [
+                    2 * float(np.sqrt(np.mean(np.square(noise[column : column + 4]))))
+                ]
             else:
                 found.append(noise[column])
             column += 4 if column in balls else 1
@@ -207,7 +265,9 @@ class Signals:
 
 def reasoned(made: Preparation, name: str, value: object, reason: str) -> Preparation:
     """The preparation with one more setting chosen, and why."""
-    return made.model_copy(update={name: value, "reasons": {**made.reasons, name: reason}})
+    return made.model_copy(
+        update={name: value, "reasons": {**made.reasons, name: reason}}
+    )
 
 
 def _measured(log: Signals, made: Preparation) -> Preparation:
@@ -219,7 +279,9 @@ def _measured(log: Signals, made: Preparation) -> Preparation:
         return reasoned(made, "measured", (), "none: orientations are differentiated")
     velocities = log.velocity_spectra
     if not all(velocities[k].moves for k in log.moving):
-        return reasoned(made, "measured", (), "none: velocities of the log are lost in noise")
+        return reasoned(
+            made, "measured", (), "none: velocities of the log are lost in noise"
+        )
     top = HARMONICS * log.fastest[1]
     from_positions, from_sensors = (
         np.array([noise_deviation(some[k], order, top) for k in log.moving])
@@ -235,9 +297,17 @@ def _measured(log: Signals, made: Preparation) -> Preparation:
         text = "none: velocities of the log were computed from its positions, whose noise they repeat"
         return reasoned(made, "measured", (), text)
     if not gain > 1:
-        return reasoned(made, "measured", (), f"none: they have {1 / gain:.3g} times the noise of positions")
+        return reasoned(
+            made,
+            "measured",
+            (),
+            f"none: they have {1 / gain:.3g} times the noise of positions",
+        )
     return reasoned(
-        made, "measured", ("qd",), f"velocities: differentiated positions have {gain:.3g} times their noise"
+        made,
+        "measured",
+        ("qd",),
+        f"velocities: differentiated positions have {gain:.3g} times their noise",
     )
 
 
@@ -249,7 +319,10 @@ def _band(log: Signals, made: Preparation) -> Preparation:
     reason = f"{found:.3g} Hz: {HARMONICS} times {mean:.2g} Hz, the mean frequency of the velocity of {name}"
     who, lost = log.lost
     if "qd" not in (made.measured or ()) and lost < found:
-        found, reason = lost, f"{lost:.3g} Hz: above it the acceleration of {who} is lost in noise"
+        found, reason = (
+            lost,
+            f"{lost:.3g} Hz: above it the acceleration of {who} is lost in noise",
+        )
     if found > FLATTEST * log.rate:
         found = FLATTEST * log.rate
         reason = f"{found:.3g} Hz: a sixth of the rate, up to which derivatives are right to two thousandths"
@@ -265,12 +338,19 @@ def with_lowpass(log: Signals, made: Preparation) -> Preparation:
     own = {k: OWN * log.clean(k) for k in log.moving}
     for first in quaternion_columns(log.mechanism, "q", len(log.names)):
         entries = range(first, first + 4)
-        own |= dict.fromkeys(entries, max((own[k] for k in entries if k in own), default=np.inf))
+        own |= dict.fromkeys(
+            entries, max((own[k] for k in entries if k in own), default=np.inf)
+        )
     floor = min(NARROWEST * log.fastest[1], made.band or 0.0)
     found = {log.names[k]: cutoff for k, cutoff in own.items() if cutoff < floor}
     listed = ", ".join(f"{name} {cutoff:.3g} Hz" for name, cutoff in found.items())
     reason = f"{listed}: {OWN:g} times where their own motion is lost in noise; the others need {floor:.3g} Hz"
-    return reasoned(made, "lowpass", found, reason if found else "none: no position is lost in noise so early")
+    return reasoned(
+        made,
+        "lowpass",
+        found,
+        reason if found else "none: no position is lost in noise so early",
+    )
 
 
 def with_still(log: Signals, made: Preparation) -> Preparation:
@@ -281,7 +361,11 @@ def with_still(log: Signals, made: Preparation) -> Preparation:
     names = velocity_names(log.mechanism, len(log.names))
     found: dict[str, float] = {}
     for output in log.mechanism.outputs:
-        rows = speed_rows(log.mechanism, output, names) if rubs(log.mechanism, output) else None
+        rows = (
+            speed_rows(log.mechanism, output, names)
+            if rubs(log.mechanism, output)
+            else None
+        )
         if rows is not None:
             found[output.name] = SIGMAS * float(np.sqrt(rows**2 @ noise**2).max())
     if not found:

@@ -51,7 +51,9 @@ from echelon.signals.filters import (
 class Preparation(PreparationEntry):
     """How a log becomes samples for least squares: the section of a set-up, with what was chosen from the data."""
 
-    reasons: dict[str, str] = Field({}, description="For settings that were chosen: why, in a sentence.")
+    reasons: dict[str, str] = Field(
+        {}, description="For settings that were chosen: why, in a sentence."
+    )
 
 
 States = tuple[Floats, Floats, Floats]
@@ -69,10 +71,16 @@ def usable(segment: Segment, mechanism: Mechanism) -> Segment:
     q = segment.signals["q"]
     free = mechanism.independent_positions
     if q.ndim != 2 or q.shape[1] not in (len(mechanism.positions), len(free)):
-        raise InputError(f"expected positions of {', '.join(mechanism.positions)}", source=segment.source)
+        raise InputError(
+            f"expected positions of {', '.join(mechanism.positions)}",
+            source=segment.source,
+        )
     signals = dict(segment.signals)
     if q.shape[1] > len(free) and free == mechanism.independent_velocities:
-        for name, order in (("q", mechanism.positions), *((name, mechanism.velocities) for name in MEASURED)):
+        for name, order in (
+            ("q", mechanism.positions),
+            *((name, mechanism.velocities) for name in MEASURED),
+        ):
             if name in signals and signals[name].shape[1] == len(order):
                 signals[name] = signals[name][:, [order.index(c) for c in free]]
     columns = signals["q"].shape[1]
@@ -86,35 +94,56 @@ def usable(segment: Segment, mechanism: Mechanism) -> Segment:
 def velocity_names(mechanism: Mechanism, columns: int) -> tuple[str, ...]:
     """Names of the velocities that belong to ``columns`` positions of a usable segment."""
     names = signal_names(mechanism, "q", columns)
-    return mechanism.velocities if names == mechanism.positions else mechanism.independent_velocities
+    return (
+        mechanism.velocities
+        if names == mechanism.positions
+        else mechanism.independent_velocities
+    )
 
 
 def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> States:
     """Positions (N, positions), velocities and accelerations (N, velocities) of a usable segment."""
     rate, columns = segment.rate, segment.signals["q"].shape[1]
-    positions, names = signal_names(mechanism, "q", columns), velocity_names(mechanism, columns)
+    positions, names = (
+        signal_names(mechanism, "q", columns),
+        velocity_names(mechanism, columns),
+    )
     _check_names("position", preparation.lowpass or {}, positions, "lowpass")
     x = _smoothed(segment.signals["q"], preparation, rate, positions)
     measured = {
-        name: _smoothed(measured_signal(segment, name), preparation, rate, names) for name in preparation.measured or ()
+        name: _smoothed(measured_signal(segment, name), preparation, rate, names)
+        for name in preparation.measured or ()
     }
     if "qd" not in measured:
-        q, qd, qdd = _by_kind(x, *_without_rounding(x, *derivatives(x, rate), rate), mechanism)
+        q, qd, qdd = _by_kind(
+            x, *_without_rounding(x, *derivatives(x, rate), rate), mechanism
+        )
         return q, qd, measured.get("qdd", qdd)
-    q, qd = _by_kind(x, x, x, mechanism)[0], measured["qd"]  # of unit length, where quaternions are among them
+    q, qd = (
+        _by_kind(x, x, x, mechanism)[0],
+        measured["qd"],
+    )  # of unit length, where quaternions are among them
     return q, qd, measured["qdd"] if "qdd" in measured else derivative(qd, rate)
 
 
-def _check_names(what: str, given: Iterable[str], valid: Sequence[str], setting: str) -> None:
+def _check_names(
+    what: str, given: Iterable[str], valid: Sequence[str], setting: str
+) -> None:
     for name in given:
         if name not in valid:
-            raise InputError(f"there is no {what} '{name}' (valid: {', '.join(valid)})", element=setting)
+            raise InputError(
+                f"there is no {what} '{name}' (valid: {', '.join(valid)})",
+                element=setting,
+            )
 
 
 def states_cutoff(preparation: Preparation, rate: float) -> float:
     """Low-pass over positions, Hz, which leaves the band of both sides as it is; inf where there is no room for one."""
     if preparation.band is None:
-        raise InputError("the band is still open: choose the settings from the data first", element="band")
+        raise InputError(
+            "the band is still open: choose the settings from the data first",
+            element="band",
+        )
     cutoff = ROOM * preparation.band
     return cutoff if cutoff <= WORTH * rate else inf
 
@@ -125,20 +154,30 @@ def cutoffs(preparation: Preparation, rate: float, names: Sequence[str]) -> list
     return [min(common, own.get(name, inf)) for name in names]
 
 
-def _smoothed(values: Floats, preparation: Preparation, rate: float, names: Sequence[str]) -> Floats:
+def _smoothed(
+    values: Floats, preparation: Preparation, rate: float, names: Sequence[str]
+) -> Floats:
     own = cutoffs(preparation, rate, names)
     if len(set(own)) == 1:
         return lowpass(values, own[0], rate, ORDER)
-    return np.hstack([lowpass(values[:, [k]], cutoff, rate, ORDER) for k, cutoff in enumerate(own)])
+    return np.hstack(
+        [lowpass(values[:, [k]], cutoff, rate, ORDER) for k, cutoff in enumerate(own)]
+    )
 
 
 def states_reach(rate: float, preparation: Preparation) -> int:
     """Samples at an end of a segment whose states it spoils."""
-    cutoff = min([states_cutoff(preparation, rate), *(preparation.lowpass or {}).values()])
-    return REACH + (butterworth(cutoff, rate, ORDER).reach(NEAR) if isfinite(cutoff) else 0)
+    cutoff = min(
+        [states_cutoff(preparation, rate), *(preparation.lowpass or {}).values()]
+    )
+    return REACH + (
+        butterworth(cutoff, rate, ORDER).reach(NEAR) if isfinite(cutoff) else 0
+    )
 
 
-def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float) -> tuple[Floats, Floats]:
+def _without_rounding(
+    x: Floats, xd: Floats, xdd: Floats, rate: float
+) -> tuple[Floats, Floats]:
     """Derivatives that are zero where they are no larger than rounding of positions, so that a joint at rest rests.
 
     What is computed from speeds of 1e-17 rad/s has columns that differ, and so would seem to be identified.
@@ -152,10 +191,14 @@ def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float) -> tuple[
 def measured_signal(segment: Segment, name: str) -> Floats:
     """Derivatives of a log as they are; an error where it has none."""
     if name not in MEASURED:
-        raise InputError(f"'{name}' cannot be taken from a log; expected qd or qdd", element="measured")
+        raise InputError(
+            f"'{name}' cannot be taken from a log; expected qd or qdd",
+            element="measured",
+        )
     if name not in segment.signals:
         raise InputError(
-            f"the log has no {name}; leave it out of 'measured', or map its columns", source=segment.source
+            f"the log has no {name}; leave it out of 'measured', or map its columns",
+            source=segment.source,
         )
     return segment.signals[name]
 
@@ -168,7 +211,9 @@ def _by_kind(x: Floats, xd: Floats, xdd: Floats, mechanism: Mechanism) -> States
     parts: list[States] = []
     column = 0
     while column < x.shape[1]:
-        some = slice(column, column + 4) if column in balls else slice(column, column + 1)
+        some = (
+            slice(column, column + 4) if column in balls else slice(column, column + 1)
+        )
         part = (x[:, some], xd[:, some], xdd[:, some])
         parts.append(body_rates(*part) if column in balls else part)
         column = some.stop
@@ -176,7 +221,9 @@ def _by_kind(x: Floats, xd: Floats, xdd: Floats, mechanism: Mechanism) -> States
     return q, qd, qdd
 
 
-def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Floats | None:
+def speed_rows(
+    mechanism: Mechanism, output: Output, names: Sequence[str]
+) -> Floats | None:
     """Speeds of the joints or actuators of an output as combinations (speeds, velocities); None for a wrench."""
     if any(isinstance(channel, Cut) for channel, _ in output.terms):
         return None
@@ -187,7 +234,9 @@ def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Fl
         if channel.side is Side.JOINT:
             row[names.index(channel.at)] = 1.0
         else:
-            actuator = next(a for a in mechanism.transmission.actuators if a.name == channel.at)
+            actuator = next(
+                a for a in mechanism.transmission.actuators if a.name == channel.at
+            )
             for name, ratio in actuator.terms:
                 known = symbol_values(mechanism, sorted(ratio.symbols()))
                 row[names.index(name)] = ratio.at(known)
@@ -196,14 +245,25 @@ def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Fl
 
 def rubs(mechanism: Mechanism, output: Output) -> bool:
     """Whether dry friction is in an output: an effect with a sign that it can see."""
-    dry = {(a.at, a.side) for effect in mechanism.effects for a in effect.actions if "sign(" in a.term}
+    dry = {
+        (a.at, a.side)
+        for effect in mechanism.effects
+        for a in effect.actions
+        if "sign(" in a.term
+    }
     for channel, _ in output.terms:
         if isinstance(channel, Cut):
             continue
         if mechanism.dependent_velocities:  # which move with the output, too
             return bool(dry)
-        moved = mechanism.transmission.inverse[channel.at] if channel.side is Side.ACTUATOR else ()
-        if (channel.at, channel.side) in dry or any((name, Side.JOINT) in dry for name in moved):
+        moved = (
+            mechanism.transmission.inverse[channel.at]
+            if channel.side is Side.ACTUATOR
+            else ()
+        )
+        if (channel.at, channel.side) in dry or any(
+            (name, Side.JOINT) in dry for name in moved
+        ):
             return True
     return False
 
@@ -220,7 +280,10 @@ class PreparationPlan:
     def reduction(self) -> FirFilter | None:
         """The filter over both sides of the equation."""
         if self.preparation.band is None:
-            raise InputError("the band is still open: choose the settings from the data first", element="band")
+            raise InputError(
+                "the band is still open: choose the settings from the data first",
+                element="band",
+            )
         return reduction(self.preparation.band, self.rate)
 
     @property
@@ -232,13 +295,20 @@ class PreparationPlan:
     def delays(self) -> Mapping[str, float]:
         """Samples by which outputs are late."""
         given = self.preparation.delays or {}
-        _check_names("output", given, [output.name for output in self.mechanism.outputs], "delays")
+        _check_names(
+            "output",
+            given,
+            [output.name for output in self.mechanism.outputs],
+            "delays",
+        )
         return {name: seconds * self.rate for name, seconds in given.items() if seconds}
 
     @property
     def shift(self) -> int:
         """Samples that undoing the delays looks ahead or back."""
-        return max((shift_reach(samples) for samples in self.delays.values()), default=0)
+        return max(
+            (shift_reach(samples) for samples in self.delays.values()), default=0
+        )
 
     @cached_property
     def spoilt(self) -> int:
@@ -323,17 +393,28 @@ class PreparationPlan:
         flags = np.ones((len(qd), len(self.mechanism.outputs)), dtype=bool)
         slowest = np.full(len(names), inf)
         for column, output in enumerate(self.mechanism.outputs):
-            rows = speed_rows(self.mechanism, output, names) if still.get(output.name) else None
+            rows = (
+                speed_rows(self.mechanism, output, names)
+                if still.get(output.name)
+                else None
+            )
             for row in () if rows is None else rows:
                 some, least = np.flatnonzero(row), still[output.name]
-                speed, error = np.abs(qd[:, some] @ row[some]), smeared[:, some] @ np.abs(row[some])
+                speed, error = (
+                    np.abs(qd[:, some] @ row[some]),
+                    smeared[:, some] @ np.abs(row[some]),
+                )
                 flags[:, column] &= speed > least + error
                 rests = output.name in (self.preparation.rest or ())
-                slowest[some] = np.minimum(slowest[some], least / np.abs(row[some]) if rests else 0.0)
+                slowest[some] = np.minimum(
+                    slowest[some], least / np.abs(row[some]) if rests else 0.0
+                )
         slowest[np.isinf(slowest)] = 0.0
         if not slowest.any():
             return qd, flags
-        return np.where((slowest > 0) & (np.abs(qd) <= slowest + smeared), 0.0, qd), flags
+        return np.where(
+            (slowest > 0) & (np.abs(qd) <= slowest + smeared), 0.0, qd
+        ), flags
 
     def _smeared(self, qd: Floats, names: Sequence[str]) -> Floats:
         """What the low-pass would take off velocities once more, at most within half a period of its cut-off.
@@ -353,7 +434,9 @@ class PreparationPlan:
     def _still(self) -> Mapping[str, float]:
         given = self.preparation.still
         if given is None:
-            raise InputError("settings are still open: choose 'still' from the data first")
+            raise InputError(
+                "settings are still open: choose 'still' from the data first"
+            )
         names = [output.name for output in self.mechanism.outputs]
         if not isinstance(given, Mapping):
             return dict.fromkeys(names, float(given))
@@ -361,7 +444,9 @@ class PreparationPlan:
         return given
 
 
-def prepare(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> Samples:
+def prepare(
+    segment: Segment, preparation: Preparation, mechanism: Mechanism
+) -> Samples:
     """Samples of a segment, without what filters spoil at its ends and what is to be trimmed.
 
     Settings must not be open; see ``chosen``.

@@ -14,7 +14,13 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError, locating
-from echelon.logs.columns.column_map import SIGNALS, WRAP, angle_columns, quaternion_columns, signal_names
+from echelon.logs.columns.column_map import (
+    SIGNALS,
+    WRAP,
+    angle_columns,
+    quaternion_columns,
+    signal_names,
+)
 from echelon.logs.finding import Finding, counted, note, seconds, warning
 from echelon.logs.recording import Recording, Segment
 from echelon.mechanism.mechanism import Mechanism
@@ -47,14 +53,19 @@ def unwrapped(
         values = signals[signal].copy()
         names = signal_names(mechanism, signal, values.shape[1])
         for column in angle_columns(mechanism, signal, values.shape[1]):
-            jumps = [piece[np.flatnonzero(np.abs(np.diff(values[piece, column])) > WRAP) + 1] for piece in pieces]
+            jumps = [
+                piece[np.flatnonzero(np.abs(np.diff(values[piece, column])) > WRAP) + 1]
+                for piece in pieces
+            ]
             found = np.concatenate([np.zeros(0, dtype=np.intp), *jumps])
             if not len(found):
                 continue
             for piece in pieces:
                 values[piece, column] = np.unwrap(values[piece, column], discont=WRAP)
             when = f"from {seconds(recording.time[found[0]])} s"
-            where = f"{recording.source}, {SIGNALS[signal]} of '{names[column]}', {when}"
+            where = (
+                f"{recording.source}, {SIGNALS[signal]} of '{names[column]}', {when}"
+            )
             text = f"jumps by a full turn {len(found)} times; the turns were added up"
             findings.append(note("wrapped", where, text))
         signals[signal] = values
@@ -70,10 +81,19 @@ def break_findings(
         return f"{source}, from {seconds(stamp)} s"
 
     if len(found.duplicates):
-        repeated = counted(len(found.duplicates), "time stamp repeats", "time stamps repeat")
-        yield warning("duplicates", since(time[found.duplicates[0]]), f"{repeated} the one before; left out")
+        repeated = counted(
+            len(found.duplicates), "time stamp repeats", "time stamps repeat"
+        )
+        yield warning(
+            "duplicates",
+            since(time[found.duplicates[0]]),
+            f"{repeated} the one before; left out",
+        )
     if len(found.backward):
-        jumps = ", ".join(f"{seconds(time[row - 1])} → {seconds(time[row])} s" for row in found.backward[:3])
+        jumps = ", ".join(
+            f"{seconds(time[row - 1])} → {seconds(time[row])} s"
+            for row in found.backward[:3]
+        )
         text = f"the clock jumps back {counted(len(found.backward), 'time')} ({jumps}); segments end there"
         yield warning("backward", since(time[found.backward[0] - 1]), text)
     if len(found.gaps):
@@ -90,10 +110,18 @@ def break_findings(
 
 
 def rate_findings(
-    source: str, starts: Sequence[float], found: Stretches, regular: Sequence[Regularity], rate: float | None
+    source: str,
+    starts: Sequence[float],
+    found: Stretches,
+    regular: Sequence[Regularity],
+    rate: float | None,
 ) -> Iterator[Finding]:
     """Findings of lost samples that were interpolated, jitter, and a lower rate."""
-    uneven = [(start, one) for start, one in zip(starts, regular, strict=True) if not one.uniform]
+    uneven = [
+        (start, one)
+        for start, one in zip(starts, regular, strict=True)
+        if not one.uniform
+    ]
     where = f"{source}, from {seconds(uneven[0][0])} s" if uneven else source
     longest = 1e3 * max((one.longest for _, one in uneven), default=0.0)
     if missing := sum(one.missing for _, one in uneven):
@@ -101,7 +129,10 @@ def rate_findings(
         text = f"{lost} missing (intervals up to {longest:.4g} ms); interpolated"
         yield note("missing", where, text)
     if uneven:
-        shortest, spread = min(one.shortest for _, one in uneven), max(one.spread for _, one in uneven)
+        shortest, spread = (
+            min(one.shortest for _, one in uneven),
+            max(one.spread for _, one in uneven),
+        )
         text = (
             f"time stamps are usually {found.period * 1e3:.4g} ms apart, but {shortest * 1e3:.4g} to "
             f"{longest:.4g} ms, with a standard deviation of {spread * 1e3:.2g} ms; resampled at "
@@ -138,7 +169,11 @@ def segments(
         used &= usable
     rows = np.flatnonzero(used)
     if len(rows) < FEWEST:
-        return _none(recording, f"{len(rows)} usable samples of {len(used)}; at least {FEWEST} are needed", whole)
+        return _none(
+            recording,
+            f"{len(rows)} usable samples of {len(used)}; at least {FEWEST} are needed",
+            whole,
+        )
     clean = _taken(recording, rows)
     with locating(recording.source):
         found = stretches(clean.time, gap)
@@ -146,32 +181,44 @@ def segments(
     counts = [_count(clean.time[piece], asked) for piece in found.pieces]
     if max(counts) < FEWEST:
         where = f"at {asked:g} Hz" if asked else f"{found.period:.4g} s apart"
-        problem = (
-            f"no stretch without gaps has {FEWEST} samples: the longest of {len(counts)} has {max(counts)}, {where}"
-        )
+        problem = f"no stretch without gaps has {FEWEST} samples: the longest of {len(counts)} has {max(counts)}, {where}"
         return _none(recording, problem, whole)
     long, short = (
-        [p for p, n in zip(found.pieces, counts, strict=True) if (n >= FEWEST) is so] for so in (True, False)
+        [p for p, n in zip(found.pieces, counts, strict=True) if (n >= FEWEST) is so]
+        for so in (True, False)
     )
     signals, wrapped = unwrapped(clean, mechanism, found.pieces)
     clean = replace(clean, signals=signals)
     regular = [regularity(clean.time[piece], found.period) for piece in long]
-    cut = [_segment(clean, mechanism, *one, asked) for one in zip(long, regular, strict=True)]
+    cut = [
+        _segment(clean, mechanism, *one, asked)
+        for one in zip(long, regular, strict=True)
+    ]
     breaks = break_findings(recording.source, clean.time, found, gap, short)
-    clock = rate_findings(recording.source, [segment.start for segment in cut], found, regular, asked)
+    clock = rate_findings(
+        recording.source, [segment.start for segment in cut], found, regular, asked
+    )
     return tuple(cut), (*breaks, *clock, *wrapped)
 
 
 def _count(time: Floats, rate: float | None) -> int:
     """Samples that a stretch has, and keeps at a lower rate."""
-    return len(time) if rate is None else min(len(time), int((time[-1] - time[0]) * rate) + 1)
+    return (
+        len(time)
+        if rate is None
+        else min(len(time), int((time[-1] - time[0]) * rate) + 1)
+    )
 
 
-def _none(recording: Recording, problem: str, whole: bool) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
+def _none(
+    recording: Recording, problem: str, whole: bool
+) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
     """No segments: an error for a whole log, a finding for a piece of one."""
     if whole:
         raise InputError(problem, source=recording.source)
-    start = f", from {seconds(float(recording.time[0]))} s" if len(recording.time) else ""
+    start = (
+        f", from {seconds(float(recording.time[0]))} s" if len(recording.time) else ""
+    )
     return (), (warning("short", f"{recording.source}{start}", f"{problem}; left out"),)
 
 
@@ -204,19 +251,38 @@ def _checked(rate: float | None, period: float, source: str) -> float | None:
 
 
 def _segment(
-    recording: Recording, mechanism: Mechanism, piece: Integers, regular: Regularity, rate: float | None
+    recording: Recording,
+    mechanism: Mechanism,
+    piece: Integers,
+    regular: Regularity,
+    rate: float | None,
 ) -> Segment:
     own = _taken(recording, piece)
     signals = {
-        name: _on_uniform_clock(own.time, values, regular, rate, quaternion_columns(mechanism, name, values.shape[1]))
+        name: _on_uniform_clock(
+            own.time,
+            values,
+            regular,
+            rate,
+            quaternion_columns(mechanism, name, values.shape[1]),
+        )
         for name, values in own.signals.items()
     }
-    inputs = {name: _on_uniform_clock(own.time, values, regular, rate) for name, values in own.inputs.items()}
-    return Segment(recording.source, float(own.time[0]), rate or regular.rate, signals, inputs)
+    inputs = {
+        name: _on_uniform_clock(own.time, values, regular, rate)
+        for name, values in own.inputs.items()
+    }
+    return Segment(
+        recording.source, float(own.time[0]), rate or regular.rate, signals, inputs
+    )
 
 
 def _on_uniform_clock(
-    time: Floats, values: Floats, regular: Regularity, rate: float | None, quaternions: tuple[int, ...] = ()
+    time: Floats,
+    values: Floats,
+    regular: Regularity,
+    rate: float | None,
+    quaternions: tuple[int, ...] = (),
 ) -> Floats:
     values = values.copy() if quaternions else values
     for first in quaternions:
@@ -232,5 +298,7 @@ def _on_uniform_clock(
         values = interpolated(since, values, grid(0.0, float(since[-1]), rate))
     for first in quaternions:
         block = values[:, first : first + 4]
-        values[:, first : first + 4] = block / np.linalg.norm(block, axis=1, keepdims=True)
+        values[:, first : first + 4] = block / np.linalg.norm(
+            block, axis=1, keepdims=True
+        )
     return values
