@@ -198,7 +198,7 @@ def gradient_seconds(setup: ec.Setup, changes: dict[str, Any]) -> float:
     problem = designed(
         task_of(setup, changed(setup.excitation, changes, setup.source))
     ).problem
-    x, times = problem.start(np.random.default_rng(0)), []
+    x, times = problem.random(np.random.default_rng(0)), []
     with threadpool_limits(1):
         for _ in range(60):
             begun = perf_counter()
@@ -339,7 +339,7 @@ PEER = [
 
 def page(rows: list[list[Any]], peer: list[str]) -> str:
     """The results with what they were measured on."""
-    names = ("numpy", "casadi", "mujoco", "pin")
+    names = ("numpy", "mujoco", "pin")
     versions = ", ".join(f"{name} {version(name)}" for name in names)
     return "\n\n".join(
         [

@@ -23,5 +23,7 @@ Optimality = Literal["d_optimal", "a_optimal", "condition"]
 """Criteria of exciting trajectories."""
 Family = Literal["fourier", "bspline", "sum"]
 """Functions of time of exciting trajectories."""
+Unreadable = Literal["refuse", "boxes", "none"]
+"""Handling of shapes of a robot file that cannot be read."""
 Form = Literal["auto", "short", "named"]
 """How the entries of a symbolic regressor are written."""

@@ -16,7 +16,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "symbolic": ("sympy",),
     "identify": ("clarabel", "h5py", "plotly", "pyarrow", "scipy"),
     "notebook": ("pandas", "plotly"),
-    "excite": ("casadi", "mujoco", "plotly", "pyarrow", "scipy"),
+    "excite": ("mujoco", "plotly", "pyarrow", "scipy"),
     "ros": ("mcap", "rosbags"),
     "dask": ("cryptography", "dask", "distributed"),
     "mjcf": ("mujoco",),

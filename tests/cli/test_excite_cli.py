@@ -40,6 +40,10 @@ excitation:
   frames: [{body: j2, point: [0.3, 0, 0], box: {x: [-0.55, none]}}]
 """
 FORMATS = ("csv", "parquet", "yaml")
+LARGE = (
+    "--criterion",
+    "d_optimal",
+)  # motions that are as large as their limits let them be
 
 
 def setup_file(folder: Path, speed: float = 3.0) -> Path:
@@ -82,6 +86,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         "--rate",
         "500",
         "--json",
+        *LARGE,
     )
     assert done.returncode == 0, done.stderr
     return file, folder / "out", done
@@ -172,10 +177,15 @@ def test_text_for_people(tmp_path: Path) -> None:
     )
     assert "limits are kept at every time" in done.stdout
     assert re.search(
-        r"^D-optimal; condition number [\d.]+, with scaled columns [\d.]+; log det",
+        r"^smallest condition number; condition number [\d.]+; log det",
         done.stdout,
         re.M,
     )
+    figures = (
+        r"^scaled condition number [\d.]+, worst standard deviation [\d.]+ \S+ \(\w+\)$"
+    )
+    assert re.search(figures, done.stdout, re.M)
+    assert "best of 24 random motions: scaled condition number" in done.stdout
     assert [path.name for path in tmp_path.iterdir()] == [
         "arm3.yaml"
     ]  # without -o nothing is written

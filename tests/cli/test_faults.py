@@ -120,21 +120,6 @@ def check_moments(name: str, folder: Path, moments: int) -> None:
     assert (
         ended(start(folder, *arguments))[0] == 0
     )  # what is left counts as the command's own
-    assert not workers(folder)
-
-
-def workers(folder: Path) -> list[str]:
-    """Processes that solve for ``excite`` there."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if b"echelon.excite.solve.solver" in (entry / "cmdline").read_bytes() and (
-                entry / "cwd"
-            ).samefile(folder):
-                found.append(entry.name)
-        except OSError:
-            continue
-    return found
 
 
 @pytest.mark.parametrize("name", slow_unless(["derive"], ["derive", "generate"]))
@@ -164,24 +149,6 @@ def test_ignored_signals_stay_ignored(folder: Path) -> None:
     process.stderr.read(1)
     process.send_signal(signal.SIGHUP)
     assert ended(process)[0] == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
-def test_no_process_outlives_the_one_that_started_it(folder: Path, number: int) -> None:
-    arguments = ("excite", "slide.yaml", "-o", "out", "--jobs", "2", "--starts", "40")
-    process = start(folder, *arguments)
-    deadline = time.monotonic() + 60
-    while not workers(folder) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert workers(folder)
-    process.send_signal(number)
-    code, _, err = ended(process)
-    assert (code, err) == (-9 if number == signal.SIGKILL else 128 + number, "")
-    while workers(folder) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert not workers(folder)
-    assert not (folder / "out").exists()
 
 
 # -- disks -------------------------------------------------------------------------------------------------------------

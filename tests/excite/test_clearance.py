@@ -13,6 +13,7 @@ import pytest
 
 import echelon as ec
 from echelon.errors import EchelonError, InputError
+from echelon.excite.problem.allowances import without_touching
 from echelon.excite.problem.clearance import (
     Clearance,
     Engine,
@@ -20,7 +21,7 @@ from echelon.excite.problem.clearance import (
     clearance_of,
 )
 from echelon.excite.problem.robot_shapes import entry_shapes, mesh_shape, read_geometry
-from echelon.excite.problem.shapes import Kind, Shape, plane_gaps
+from echelon.excite.problem.shapes import Shape, ShapeKind, plane_gaps
 from echelon.excite.problem.task import ResolvedLimits, task_of
 from echelon.excite.solve.design import start_pose
 from echelon.excite.verify import LeastClearances
@@ -71,10 +72,11 @@ def test_touching_pairs_are_left_out_on_request() -> None:
         [{"body": f"link{k}", "sphere": 1.2, "name": f"s{k}"} for k in (1, 3)],
     )
     assert len(clearance_of(mechanism, shapes, 0.01).pairs) == 1
-    found = clearance_of(mechanism, shapes, 0.01, ignore_touching=True)
+    allowed = without_touching(clearance_of(mechanism, shapes, 0.01), np.zeros(3))
+    found = allowed.clearance
     assert len(found.pairs) == 0
-    assert found.notes == (
-        "'s1' and 's3' are not checked: they are too near at the reference pose",
+    assert allowed.unchecked == (
+        "'s1' and 's3' are not checked: they are too near where motions start",
     )
     assert found.values(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))).shape == (
         2,
@@ -154,7 +156,7 @@ def test_fixed_parts_of_the_robot_are_the_world() -> None:
     )
 
 
-def floating(*shapes: tuple[Kind, tuple[float, ...]]) -> tuple[Shape, ...]:
+def floating(*shapes: tuple[ShapeKind, tuple[float, ...]]) -> tuple[Shape, ...]:
     """Shapes that are not on any body: their frames are given."""
     return tuple(
         Shape(f"s{k}", -1, kind, size, np.eye(4))
@@ -204,14 +206,18 @@ def test_spheres_and_planes() -> None:
     rng = np.random.default_rng(0)
     places = random_places(rng, 50, 2, 0.5)
     apart = np.linalg.norm(places[:, 0, :, 3] - places[:, 1, :, 3], axis=1)
-    found = measured(floating((Kind.SPHERE, (0.2,)), (Kind.SPHERE, (0.3,))), places)[0]
+    found = measured(
+        floating((ShapeKind.SPHERE, (0.2,)), (ShapeKind.SPHERE, (0.3,))), places
+    )[0]
     np.testing.assert_allclose(found, apart - 0.5, atol=1e-12)
     assert (found < 0).any()
     assert (found > 0).any()
     heights = np.einsum(
         "ni,ni->n", places[:, 0, :, 2], places[:, 1, :, 3] - places[:, 0, :, 3]
     )
-    found = measured(floating((Kind.PLANE, ()), (Kind.SPHERE, (0.2,))), places)[0]
+    found = measured(
+        floating((ShapeKind.PLANE, ()), (ShapeKind.SPHERE, (0.2,))), places
+    )[0]
     np.testing.assert_allclose(found, heights - 0.2, atol=1e-12)
 
 
@@ -226,13 +232,16 @@ def test_capsules_are_segments_with_a_radius() -> None:
         for n in range(20)
     ]
     found = measured(
-        floating((Kind.CAPSULE, (0.1, 0.3)), (Kind.CAPSULE, (0.05, 0.2))), places
+        floating((ShapeKind.CAPSULE, (0.1, 0.3)), (ShapeKind.CAPSULE, (0.05, 0.2))),
+        places,
     )[0]
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("other", [(Kind.SPHERE, (0.1,)), (Kind.CAPSULE, (0.1, 0.3))])
-def test_boxes_outside(other: tuple[Kind, tuple[float, ...]]) -> None:
+@pytest.mark.parametrize(
+    "other", [(ShapeKind.SPHERE, (0.1,)), (ShapeKind.CAPSULE, (0.1, 0.3))]
+)
+def test_boxes_outside(other: tuple[ShapeKind, tuple[float, ...]]) -> None:
     places = random_places(np.random.default_rng(2), 300, 2, 0.6)
     half = np.array([0.1, 0.2, 0.3])
     along = np.linspace(-1, 1, 4001)[:, None] * (
@@ -245,23 +254,23 @@ def test_boxes_outside(other: tuple[Kind, tuple[float, ...]]) -> None:
     expected = (
         np.linalg.norm(np.maximum(np.abs(inside) - half, 0), axis=2).min(axis=1) - 0.1
     )
-    found = measured(floating((Kind.BOX, tuple(half)), other), places)[0]
+    found = measured(floating((ShapeKind.BOX, tuple(half)), other), places)[0]
     clear = expected > -0.1 + 1e-9  # the axis stays outside
     np.testing.assert_allclose(found[clear], expected[clear], atol=2e-6)
     assert np.all(found[~clear] < 0)
 
 
 SIZES = {
-    Kind.SPHERE: (0.12,),
-    Kind.CAPSULE: (0.06, 0.2),
-    Kind.CYLINDER: (0.1, 0.15),
-    Kind.BOX: (0.1, 0.2, 0.05),
-    Kind.ELLIPSOID: (0.1, 0.2, 0.15),
+    ShapeKind.SPHERE: (0.12,),
+    ShapeKind.CAPSULE: (0.06, 0.2),
+    ShapeKind.CYLINDER: (0.1, 0.15),
+    ShapeKind.BOX: (0.1, 0.2, 0.05),
+    ShapeKind.ELLIPSOID: (0.1, 0.2, 0.15),
 }
 
 
-def solid(name: str, kind: Kind) -> Shape:
-    if kind is Kind.MESH:
+def solid(name: str, kind: ShapeKind) -> Shape:
+    if kind is ShapeKind.MESH:
         points = np.random.default_rng(5).normal(size=(40, 3)) * [0.05, 0.1, 0.15] + [
             0.1,
             0,
@@ -271,9 +280,11 @@ def solid(name: str, kind: Kind) -> Shape:
     return Shape(name, -1, kind, SIZES.get(kind, ()), np.eye(4))
 
 
-@pytest.mark.parametrize("first", list(Kind))
-@pytest.mark.parametrize("second", [kind for kind in Kind if kind is not Kind.PLANE])
-def test_planes_between_confirm_distances(first: Kind, second: Kind) -> None:
+@pytest.mark.parametrize("first", list(ShapeKind))
+@pytest.mark.parametrize(
+    "second", [kind for kind in ShapeKind if kind is not ShapeKind.PLANE]
+)
+def test_planes_between_confirm_distances(first: ShapeKind, second: ShapeKind) -> None:
     """A distance of two points is an upper bound, planes between are a lower one: where they meet both are right."""
     shapes = solid("first", first), solid("second", second)
     places = random_places(np.random.default_rng(3), 100, 2, 0.3)
@@ -300,9 +311,11 @@ def test_planes_between_confirm_distances(first: Kind, second: Kind) -> None:
 
 def test_values_stop_at_the_reach() -> None:
     places = random_places(np.random.default_rng(0), 50, 2, 1.0)
-    far, _ = measured(floating((Kind.SPHERE, (0.1,)), (Kind.SPHERE, (0.1,))), places)
+    far, _ = measured(
+        floating((ShapeKind.SPHERE, (0.1,)), (ShapeKind.SPHERE, (0.1,))), places
+    )
     near, _ = measured(
-        floating((Kind.SPHERE, (0.1,)), (Kind.SPHERE, (0.1,))), places, 0.3
+        floating((ShapeKind.SPHERE, (0.1,)), (ShapeKind.SPHERE, (0.1,))), places, 0.3
     )
     np.testing.assert_allclose(near, np.minimum(far, 0.3))
     assert (far > 0.3).any()
@@ -313,7 +326,7 @@ def test_old_versions_of_mujoco_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(
         EchelonError, match=r"MuJoCo 3\.9\.1 gives wrong distances.*3\.12 or later"
     ):
-        Engine(floating((Kind.SPHERE, (1.0,))))
+        Engine(floating((ShapeKind.SPHERE, (1.0,))))
 
 
 def differences(clearance: Clearance, q: Floats, step: float) -> Floats:

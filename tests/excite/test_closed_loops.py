@@ -328,9 +328,10 @@ def test_a_trajectory_of_a_four_bar_beats_random_motions() -> None:
     assert any("loops" in margin.label for margin in found.margins)
     task = task_of(setup, changed(setup.excitation, FOUR_BAR, ""))
     design = designed(task)
+    problem = design.problem
+    seeds = (np.random.default_rng(k) for k in range(30))
     random = [
-        design.trajectory(design.problem.start(np.random.default_rng(k), 0.95))
-        for k in range(30)
+        design.trajectory(problem.scaled(problem.random(rng), 0.95)) for rng in seeds
     ]
     assert found.conditioning.log_det > max(
         conditioning_of(task, motion).log_det for motion in random

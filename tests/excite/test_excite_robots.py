@@ -208,14 +208,12 @@ def test_distances_by_mujoco_keep_the_clearance(
     file.write_text(text)
     limits = {"velocity": 2.5, "acceleration": 25, "jerk": "none"}
     centre = {"j2": -0.6, "j3": 1.0}
-    found = design(
-        file,
-        duration=6,
-        harmonics=3,
-        limits=limits,
-        centre=centre,
-        collisions=collisions,
-    )
+    changes: dict[str, Any] = {
+        "limits": limits,
+        "centre": centre,
+        "collisions": collisions,
+    }
+    found = design(file, duration=6, harmonics=3, **changes)
     assert found.safe
     assert list(found.trajectory.coordinates) == ["j1", "j2", "j3", "j4"]
     model = mujoco.MjModel.from_xml_string(ARM)

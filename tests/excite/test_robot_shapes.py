@@ -15,7 +15,7 @@ import echelon as ec
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
-from echelon.excite.problem.shapes import Kind
+from echelon.excite.problem.shapes import ShapeKind
 from echelon.formats.robot_file import open_robot
 from support.robot_files import robot_file
 from support.shaped_robots import ARM, Floats, planar
@@ -227,10 +227,10 @@ def test_entries() -> None:
         ],
     )
     assert [(s.body, s.kind, s.size) for s in shapes] == [
-        (2, Kind.SPHERE, (0.06,)),
-        (0, Kind.CAPSULE, (0.05, 0.5)),
-        (1, Kind.BOX, (0.1, 0.2, 0.3)),
-        (-1, Kind.PLANE, ()),
+        (2, ShapeKind.SPHERE, (0.06,)),
+        (0, ShapeKind.CAPSULE, (0.05, 0.5)),
+        (1, ShapeKind.BOX, (0.1, 0.2, 0.3)),
+        (-1, ShapeKind.PLANE, ()),
     ]
     np.testing.assert_allclose(
         shapes[1].placement[:3, [2, 3]], [[1, 0.5], [0, 0], [0, 0]], atol=1e-15

@@ -164,14 +164,19 @@ def test_what_is_absent_has_the_defaults(section: str) -> None:
         None,
         8,
     )
-    assert (entry.criterion, entry.noise, entry.move) == ("d_optimal", {"all": 1}, None)
+    assert (entry.criterion, entry.noise, entry.move) == ("condition", {"all": 1}, None)
     assert (entry.hold, entry.centre, entry.effort_margin, entry.frames) == (
         {},
         {},
         0.1,
         (),
     )
-    assert (entry.starts, entry.seed, entry.iterations) == (4, 2015, 500)
+    assert (entry.starts, entry.seed, entry.iterations, entry.budget) == (
+        4,
+        2015,
+        500,
+        40,
+    )
     limits, pairs = entry.limits, entry.collisions
     assert (limits.position, limits.velocity, limits.acceleration) == ({}, {}, {})
     assert (limits.jerk, limits.effort, limits.scale) == ({}, {}, 1)

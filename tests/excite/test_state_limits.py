@@ -14,7 +14,7 @@ import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
-from echelon.excite.problem.optimisation import Problem, beyond
+from echelon.excite.problem.optimisation import Problem
 from echelon.excite.problem.prior_model import check_determined
 from echelon.excite.problem.state_limits import (
     EffortLimit,
@@ -306,15 +306,40 @@ def test_a_limit_is_broken_where_it_is_although_others_vanish() -> None:
 def test_tightened_bounds() -> None:
     inner, basis = point_limits(ur10(), points()), Fourier(1.0, 1)
     problem = Problem(basis, 6, None, None, (), (inner,), np.zeros(6))  # type: ignore[arg-type]
-    first = problem.tightened([np.array([0.1, 0.0, 0.2])], [np.array([0.0, 0.3, 0.0])])
-    second = first.tightened([np.array([0.1, 0.0, 0.0])], [np.array([0.0, 0.1, 0.0])])
+    first = problem.tightened(np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.3, 0.0]))
+    second = first.tightened(np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.1, 0.0]))
     assert second.constraints == (inner,)
-    low, high = (end.reshape(-1, 3)[0] for end in second.bounds)
-    np.testing.assert_allclose(low, [0.3, -np.inf, -0.8])
-    np.testing.assert_allclose(high, [1.2, 0.1, 1.0])
+    np.testing.assert_allclose(second.low, [0.3, -np.inf, -0.8])
+    np.testing.assert_allclose(second.high, [1.2, 0.1, 1.0])
     x = np.random.default_rng(1).normal(size=problem.size)
-    values = inner.values(*second.state(x))
-    np.testing.assert_array_equal(second.violations(x)[0], beyond(values, low, high))
+    state = second.states(x)
+    values = inner.values(state[:, 0], state[:, 1], state[:, 2])
+    np.testing.assert_array_equal(second.values(x), values)
+    below, above = second.slacks(values)
+    np.testing.assert_allclose(
+        below[:, [0, 2]], (values - second.low)[:, [0, 2]] / [0.9, 1.8]
+    )
+    np.testing.assert_allclose(above[:, 1], (0.1 - values[:, 1]) / 0.1)
+    assert second.room(x) == min(below.min(), above.min())
+
+
+def test_sums_over_samples_are_derivatives_by_the_coefficients() -> None:
+    inner, basis = point_limits(ur10(), points()), Fourier(1.0, 1)
+    speed = MotionLimit("j2", "rad/s", 1, np.eye(6)[1] - np.eye(6)[2], -3, 3)
+    problem = Problem(basis, 6, None, None, (speed,), (inner,), np.zeros(6))  # type: ignore[arg-type]
+    rng = np.random.default_rng(2)
+    x, step = rng.normal(size=(2, problem.size))
+    weights = rng.random((len(problem.grid), 4))
+    slopes = problem.slopes(x)
+    differences = (
+        problem.values(x + 1e-6 * step) - problem.values(x - 1e-6 * step)
+    ) / 2e-6
+    np.testing.assert_allclose(problem.along(slopes, step), differences, atol=1e-7)
+    assert problem.gathered(slopes, weights) @ step == pytest.approx(
+        float((weights * differences).sum()), rel=1e-6
+    )
+    curved = step @ problem.curvature(slopes, weights) @ step
+    assert curved == pytest.approx(float((weights * differences**2).sum()), rel=1e-6)
 
 
 def test_what_limits_of_the_motion_are_called() -> None:

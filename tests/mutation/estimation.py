@@ -302,7 +302,7 @@ FAULTS = (
     ),
     Fault(
         "cli/process.py",
-        "SystemExit(_SIGNALLED + number)",
+        "SystemExit(SIGNALLED + number)",
         "SystemExit(number)",
         "exit code of an interruption",
         "cli/test_faults.py",

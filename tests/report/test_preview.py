@@ -15,7 +15,7 @@ import pytest
 
 import echelon as ec
 from echelon.errors import MissingExtraError
-from echelon.excite.excite import Conditioning, ExcitingTrajectory
+from echelon.excite.excite import ExcitingTrajectory, MotionConditioning
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.verify import Margin
@@ -174,7 +174,7 @@ def test_no_limits_are_no_safety() -> None:
 
 def test_what_is_not_seen_is_said() -> None:
     found = trajectory()
-    blind = Conditioning(
+    blind = MotionConditioning(
         inf, inf, -inf, (inf,) * found.base.rank, ((3.0, inf), (6.0, inf))
     )
     page = Page(preview_html(replace(found, conditioning=blind)))
@@ -429,7 +429,7 @@ def test_loops_are_drawn_closed() -> None:
         np.array([[0.0], [0.3], [0.0]]),
     )
     found = ExcitingTrajectory(
-        run, task.base, {}, "d_optimal", Conditioning(1.0, 1.0, 0.0, (1.0,) * task.base.rank, ()), (), (), (), {}
+        run, task.base, {}, "d_optimal", MotionConditioning(1.0, 1.0, 0.0, (1.0,) * task.base.rank, ()), (), (), (), {}
     )  # fmt: skip
     view = scene(found)
     lengths = np.linalg.norm(np.diff(view.origins, axis=1), axis=2)

@@ -386,7 +386,7 @@ OBJECTS: Mapping[str, Example] = {
     "DoubtWarning": error(ec.DoubtWarning, "doubtful"),
     "EchelonError": error(ec.EchelonError, "wrong"),
     "InputError": error(ec.InputError, "wrong", source="arm.yaml", element="joint"),
-    "MissingExtraError": error(ec.MissingExtraError, "casadi", "excite"),
+    "MissingExtraError": error(ec.MissingExtraError, "scipy", "excite"),
     "ClosedFormError": error(ec.ClosedFormError, "none"),
     "CertificateError": error(ec.CertificateError, "wrong"),
 }

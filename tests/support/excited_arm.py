@@ -138,7 +138,9 @@ def excited(seed: int = 1, starts: int = 1) -> ExcitingTrajectory:
 def random_motion(seed: int) -> Trajectory:
     """Random motion of the design's family, from rest to rest, and as large as the limits allow."""
     design = known().design
-    return design.trajectory(design.problem.start(np.random.default_rng(seed), 0.98))
+    return design.trajectory(
+        design.problem.scaled(design.problem.random(np.random.default_rng(seed)), 0.98)
+    )
 
 
 def sines(shift: int) -> Trajectory:

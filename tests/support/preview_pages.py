@@ -51,7 +51,9 @@ def trajectory(robot: str = "double_pendulum", **changes: Any) -> ExcitingTrajec
         ),
     )
     design = designed(task)
-    run = design.trajectory(design.problem.start(np.random.default_rng(1)))
+    run = design.trajectory(
+        design.problem.scaled(design.problem.random(np.random.default_rng(1)), 0.5)
+    )
     return ExcitingTrajectory(
         run, task.base, task.held, "d_optimal", conditioning_of(task, run), tuple(margins_of(run, task)), STARTS,
         FINDINGS,

@@ -113,7 +113,17 @@ def _conditioning(found: ExcitingTrajectory) -> str:
     names = {
         "d_optimal": "D-optimal",
         "a_optimal": "A-optimal",
-        "condition": "condition number",
+        "condition": "smallest condition number",
     }
-    numbers = f"condition number {shown.condition:.3g}, with scaled columns {shown.scaled_condition:.3g}"
-    return f"{names[found.criterion]}; {numbers}; log det of the information {shown.log_det:.5g}"
+    numbers = f"condition number {shown.condition:.3g}; log det of the information {shown.log_det:.5g}"
+    text = f"{names[found.criterion]}; {numbers}\n{_figures(shown.scaled_condition, max(shown.std))}"
+    worst = one_line(found.base.expressions[shown.worst].name)
+    text += f" {one_line(found.base.units[shown.worst])} ({worst})"
+    if found.chance is None:
+        return text
+    by_chance = _figures(found.chance.scaled_condition, found.chance.worst_std)
+    return f"{text}\nbest of {found.chance.count} random motions: {by_chance}"
+
+
+def _figures(scaled_condition: float, worst_std: float) -> str:
+    return f"scaled condition number {scaled_condition:.3g}, worst standard deviation {worst_std:.3g}"

@@ -14,6 +14,7 @@ import typer
 
 from echelon.choices import Family, Optimality
 from echelon.cli.app import AsJson, Force, app, reads_robot
+from echelon.cli.process import SIGNALLED, stop_asked
 from echelon.cli.screen import steps
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
@@ -93,8 +94,11 @@ def excite(
         int | None,
         typer.Option(min=1, help="Steps of the solver in each start, at most."),
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Starts that run at the same time.")
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            help="Work of the search, about seconds; the best motion so far counts."
+        ),
     ] = None,
     prior_log: Annotated[
         list[Path] | None,
@@ -143,6 +147,7 @@ def excite(
         starts=starts,
         seed=seed,
         iterations=iterations,
+        budget=budget,
         model=model and str(model.absolute()),
     )
     kinds = [f".{one.value}" for one in formats or [SampleFormat.CSV]]
@@ -150,12 +155,16 @@ def excite(
     if folder is not None:
         folder.check((TRAJECTORY, PREVIEW, *(f"trajectory{kind}" for kind in kinds)))
     robot = load_setup(setup, prior=prior, **read)
-    with steps() as step:
+    with (
+        steps() as step,
+        stop_asked(
+            "ending with the best motion so far; once more ends at once"
+        ) as asked,
+    ):
         step("reading logs")
         information = information_of_logs(robot, prior_log) if prior_log else None
-        found = exciting_trajectory(
-            robot, prior_information=information, jobs=jobs, on_step=step, **changed
-        )
+        changed |= {"on_step": step, "stopped": asked.stopped}
+        found = exciting_trajectory(robot, prior_information=information, **changed)
         step("writing")
         # nothing is written unless all of it can be
         files: dict[str, str | bytes] = {}
@@ -174,6 +183,8 @@ def excite(
         started,
         as_json=as_json,
     )
+    if asked.number:
+        raise typer.Exit(SIGNALLED + asked.number)
 
 
 @app.command(

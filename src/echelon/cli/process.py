@@ -11,7 +11,9 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from io import TextIOWrapper
 from types import FrameType
 from typing import Any
@@ -19,7 +21,7 @@ from typing import Any
 from echelon.errors import AssemblyWarning, DoubtWarning, SlowWarning, one_line
 
 _STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
-_SIGNALLED = 128  # added to a signal's number, the exit code of a process that it ended
+SIGNALLED = 128  # added to a signal's number, the exit code of a process that it ended
 _SHOW_CURSOR = b"\x1b[?25h"
 
 
@@ -40,6 +42,45 @@ def prepare() -> None:
                 errors="replace"
             ) if stream.isatty() else stream.reconfigure(encoding="utf-8")
     warnings.showwarning = _said_plainly(warnings.showwarning)
+
+
+@dataclass
+class Asked:
+    """The signal that asked to stop, 0 if none did."""
+
+    number: int = 0
+    heard: bool = False  # whether somebody asks for it yet; before, a signal ends the command as any other
+
+    def stopped(self) -> bool:
+        """Whether a signal asked to stop."""
+        self.heard = True
+        return self.number > 0
+
+
+@contextmanager
+def stop_asked(answer: str) -> Iterator[Asked]:
+    """Let the first signal ask a command to stop, which is said with an answer; the second one ends the process."""
+    asked, before = Asked(), {number: signal.getsignal(number) for number in _signals()}
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        if not asked.heard:
+            _stop(number, frame)
+        if asked.number:
+            if os.isatty(2):
+                os.write(2, _SHOW_CURSOR)
+            os._exit(SIGNALLED + number)
+        asked.number = number
+        if os.isatty(2):
+            os.write(2, f"{answer}\n".encode())
+
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, ask)
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def leave() -> None:
@@ -81,8 +122,8 @@ def _stop(number: int, frame: FrameType | None) -> None:
         if inner.f_code.co_filename.startswith("<frozen importlib"):
             _end(number, frame)
         inner = inner.f_back
-    raise SystemExit(_SIGNALLED + number)
+    raise SystemExit(SIGNALLED + number)
 
 
 def _end(number: int, _frame: FrameType | None) -> None:
-    os._exit(_SIGNALLED + number)
+    os._exit(SIGNALLED + number)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -14,24 +14,26 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.doors import public
 from echelon.errors import InputError
-from echelon.excite.problem.closed_loops import state_regressor
+from echelon.excite.problem.clearance import Clearance
+from echelon.excite.problem.closed_loops import LoopLimits, LoopMotion, state_regressor
 from echelon.excite.problem.information import condition_number, log_det, sample_times
+from echelon.excite.problem.shapes import Shape
+from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task, changed, task_of
 from echelon.excite.problem.trajectory import Trajectory
-from echelon.excite.solve.design import designed, safe
-from echelon.excite.solve.solver import solutions
+from echelon.excite.solve.design import Chance, designed, safe, searched
+from echelon.excite.solve.solver import Watch
 from echelon.excite.verify import Margin, margins_of
 from echelon.logs.finding import Finding, warning
-from echelon.machine.kernel import processors
 from echelon.mechanism.sources import Readable
-from echelon.setup.setup import Setup, setup_of
+from echelon.setup.setup import Setup, setup_of, with_file_effects
 from echelon.version import __version__
 
-_MOMENTS = 40  # at which conditioning is reported
+MOMENTS = 40  # times at which conditioning is reported
 
 
 @dataclass(frozen=True)
-class Conditioning:
+class MotionConditioning:
     """Conditioning of the base parameters, with friction that is not smoothed."""
 
     condition: float  # condition number of the observation matrix whose rows are divided by the outputs' noise
@@ -42,33 +44,65 @@ class Conditioning:
         tuple[float, float], ...
     ]  # time, s, and the scaled condition number of all samples up to it
 
+    @property
+    def worst(self) -> int:
+        """The parameter with the largest standard deviation."""
+        return int(np.argmax(self.std))
+
 
 def conditioning_of(
     task: Task, trajectory: Trajectory, prior: Floats | None = None
-) -> Conditioning:
+) -> MotionConditioning:
     """Conditioning along a trajectory, with friction that is not smoothed; ``prior`` is information of shape (r, r)."""
+    blocks = _information_over_time(task, [trajectory], prior, MOMENTS)
+    times, matrices = next(blocks)
+    moments = [
+        (time, _scaled_condition(F)) for time, F in zip(times, matrices, strict=True)
+    ]
+    F = matrices[-1]
+    std = _deviations(F)
+    conditions = condition_number(F), _scaled_condition(F)
+    return MotionConditioning(
+        *conditions, log_det(F), tuple(std.tolist()), tuple(moments)
+    )
+
+
+def chance_of(
+    task: Task, motions: Sequence[Trajectory], prior: Floats | None = None
+) -> Chance:
+    """The best that some motions reach, each figure by itself."""
+    matrices = [
+        found[-1] for _, found in _information_over_time(task, motions, prior, 1)
+    ]
+    conditions, worst = (
+        [_scaled_condition(F) for F in matrices],
+        [float(_deviations(F).max()) for F in matrices],
+    )
+    return Chance(len(motions), min(conditions), min(worst))
+
+
+def _information_over_time(
+    task: Task, motions: Sequence[Trajectory], prior: Floats | None, moments: int
+) -> Iterator[tuple[list[float], list[Floats]]]:
+    """For every motion, some times and the information of all samples up to each, shape (r, r)."""
     base = task.base
     regressor = state_regressor(base.mechanism, base.matrix.pivots)
-    times = sample_times(trajectory.duration, task.entry.rate)
-    entries = regressor.entries(
-        dict(zip(("q", "qd", "qdd"), trajectory.states(times), strict=True))
-    )
-    F = np.zeros((base.rank, base.rank)) if prior is None else prior.copy()
-    moments = []
-    cuts = np.unique(np.linspace(0, len(times), _MOMENTS + 1).astype(int)[1:])
-    for first, end in zip([0, *cuts[:-1].tolist()], cuts.tolist(), strict=True):
-        for rows, weight in zip(regressor.rows, task.weights, strict=True):
-            block = entries[first:end, rows.entries]
-            F[np.ix_(rows.columns, rows.columns)] += weight * (block.T @ block)
-        moments.append((float(times[end - 1]), _scaled_condition(F)))
-    std = _deviations(F)
-    return Conditioning(
-        condition_number(F),
-        _scaled_condition(F),
-        log_det(F),
-        tuple(std.tolist()),
-        tuple(moments),
-    )
+    for motion in motions:
+        times = sample_times(motion.duration, task.entry.rate)
+        entries = regressor.entries(
+            dict(zip(("q", "qd", "qdd"), motion.states(times), strict=True))
+        )
+        cuts = np.unique(
+            np.linspace(0, len(times), moments + 1).astype(int)[1:]
+        ).tolist()
+        F = np.zeros((base.rank, base.rank)) if prior is None else prior.copy()
+        matrices = []
+        for first, end in zip([0, *cuts[:-1]], cuts, strict=True):
+            for rows, weight in zip(regressor.rows, task.weights, strict=True):
+                block = entries[first:end, rows.entries]
+                F[np.ix_(rows.columns, rows.columns)] += weight * (block.T @ block)
+            matrices.append(F.copy())
+        yield [float(times[end - 1]) for end in cuts], matrices
 
 
 def _deviations(F: Floats) -> Floats:
@@ -98,6 +132,47 @@ class Start:
     history: tuple[float, ...]  # the best value so far, each time it became better
 
 
+@dataclass(frozen=True)
+class Closeness:
+    """The smallest distance of all pairs that are checked, at samples."""
+
+    time: Floats  # shape (N,), s
+    distance: Floats  # shape (N,), m; larger ones count as the reach of the measurement
+    nearest: tuple[str, ...]  # label of the pair at each time
+
+
+DISTANCE_RATE = 50.0  # Hz at which the smallest distance is shown: a body goes centimetres in between
+
+
+def closeness_of(task: Task, trajectory: Trajectory) -> Closeness | None:
+    """The smallest distance over time; None where no distances are checked."""
+    found = [(part, motion) for part, motion in _clearances(task) if part.labels]
+    if not found:
+        return None
+    clearance, motion = found[0]
+    time = np.linspace(
+        0.0, trajectory.duration, round(DISTANCE_RATE * trajectory.duration) + 1
+    )
+    q = trajectory(time)
+    distances = clearance.nearest(
+        q if motion is None else motion.positioned(q).q
+    ).distances
+    least = distances.argmin(axis=1)
+    return Closeness(
+        time, distances.min(axis=1), tuple(clearance.labels[k] for k in least)
+    )
+
+
+def _clearances(task: Task) -> Iterator[tuple[Clearance, LoopMotion | None]]:
+    """Limits of distances, with the motion of loops if there are any."""
+    for constraint in task.constraints:
+        motion = None
+        parts: tuple[StateConstraint, ...] = (constraint,)
+        if isinstance(constraint, LoopLimits):
+            motion, parts = constraint.motion, constraint.parts
+        yield from ((part, motion) for part in parts if isinstance(part, Clearance))
+
+
 @public
 @dataclass(frozen=True)
 class ExcitingTrajectory:
@@ -119,17 +194,26 @@ class ExcitingTrajectory:
     findings : tuple of Finding
     settings : mapping
         Everything needed to repeat the design.
+    chance : Chance, optional
+        The best that random motions within the limits reach; None if nothing was searched.
+    closeness : Closeness, optional
+        The smallest distance over time; None if no distances are checked.
+    obstacles : tuple of Shape
+        Shapes that stand around the robot.
     """
 
     trajectory: Trajectory
     base: BaseModel
     held: Mapping[str, float]
     criterion: str
-    conditioning: Conditioning
+    conditioning: MotionConditioning
     margins: tuple[Margin, ...]
     starts: tuple[Start, ...]
     findings: tuple[Finding, ...]
     settings: Mapping[str, Any]
+    chance: Chance | None = None
+    closeness: Closeness | None = None
+    obstacles: tuple[Shape, ...] = ()
 
     @property
     def safe(self) -> bool:
@@ -147,8 +231,8 @@ def exciting_trajectory(
     setup: Setup | Readable,
     *,
     prior_information: npt.ArrayLike | None = None,
-    jobs: int | None = None,
-    on_step: Callable[[str], None] | None = None,
+    on_step: Callable[[str], object] = str,
+    stopped: Callable[[], bool] = bool,
     **changes: Any,
 ) -> ExcitingTrajectory:
     """Design a trajectory that makes base parameters visible and keeps all limits.
@@ -161,10 +245,10 @@ def exciting_trajectory(
     prior_information : array of shape (r, r), optional
         Information matrix Σ Wᵀ diag(1/σ²) W of logs at hand, with the outputs' noise σ; the trajectory adds to it.
         See :func:`echelon.information_of_logs`.
-    jobs : int, optional
-        Processes that work on the starts; as many as there are processors if omitted.
     on_step : callable, optional
         Called with a line of text at every step.
+    stopped : callable, optional
+        Asked at every step of the solver; once it is true, the search ends with the best motion so far.
     **changes
         Fields of the section ``excitation`` that replace those of the set-up: ``duration=10, starts=2, …``
 
@@ -178,7 +262,7 @@ def exciting_trajectory(
     InputError
         If the set-up is not complete, or if no pose keeps all limits; names them.
     MissingExtraError
-        If CasADi is not installed.
+        If SciPy or MuJoCo is not installed.
 
     Examples
     --------
@@ -188,24 +272,29 @@ def exciting_trajectory(
     >>> found.safe, found.conditioning.condition < 10
     (True, True)
     """
-    setup = setup_of(setup)
-    step = on_step or (lambda _: None)
+    setup = with_file_effects(setup_of(setup))
     prior = _checked(prior_information)
-    step("deriving the base parameters")
+    on_step("deriving the base parameters")
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
+    watch = Watch(task.entry.budget, stopped, on_step)
+    on_step("looking for a pose that keeps all limits")
     design = designed(task, prior)
-    step(f"optimising from {task.entry.starts} starts")
-    found = solutions(design.problem, task.entry, jobs or processors(), step)
-    step("checking all limits")
-    x, margins = safe(design, found)
+    found = searched(design, watch)
+    x, margins = safe(design, found.best_first, watch)
     starts = [
         Start(k, s.status, s.value, s.iterations, s.history)
-        for k, s in enumerate(found)
+        for k, s in enumerate(found.starts)
     ]
+    on_step("conditioning")
+    chance = chance_of(
+        task, [design.trajectory(motion) for motion in found.motions], prior
+    )
     centre = dict(
         zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True)
     )
-    return _result(task, design.trajectory(x), margins, prior, starts, centre=centre)
+    return _result(
+        task, design.trajectory(x), margins, prior, starts, chance, centre=centre
+    )
 
 
 @public
@@ -233,7 +322,7 @@ def judged_trajectory(
     InputError
         If it moves other coordinates.
     """
-    setup = setup_of(setup)
+    setup = with_file_effects(setup_of(setup))
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
     if trajectory.coordinates != task.mechanism.independent_velocities:
         moves, should = (
@@ -264,6 +353,7 @@ def _result(
     margins: Sequence[Margin],
     prior: Floats | None = None,
     starts: Sequence[Start] = (),
+    chance: Chance | None = None,
     **settings: Any,
 ) -> ExcitingTrajectory:
     """The trajectory with all that is known about it, and what is needed to design it again."""
@@ -276,6 +366,14 @@ def _result(
         conditioning=conditioning,
         margins=tuple(margins),
         starts=tuple(starts),
+        chance=chance,
+        closeness=closeness_of(task, trajectory),
+        obstacles=tuple(
+            shape
+            for part, _ in _clearances(task)
+            for shape in part.shapes
+            if shape.obstacle
+        ),
         findings=(*_warnings(task, conditioning, starts), *task.findings),
         settings={
             "echelon": __version__,
@@ -288,7 +386,7 @@ def _result(
 
 
 def _warnings(
-    task: Task, conditioning: Conditioning, starts: Sequence[Start]
+    task: Task, conditioning: MotionConditioning, starts: Sequence[Start]
 ) -> list[Finding]:
     """Reasons why a trajectory is of little use."""
     texts = []
@@ -296,9 +394,16 @@ def _warnings(
         texts.append(
             "this motion does not determine all base parameters: give it more time, or wider limits"
         )
-    if starts and all(start.status != "converged" for start in starts):
-        ended = ", ".join(sorted({start.status for start in starts}))
+    ended = {start.status for start in starts}
+    if ended & {"stopped", "budget"}:
+        why = (
+            "somebody stopped it"
+            if "stopped" in ended
+            else f"its budget of {task.entry.budget:g} was used up"
+        )
+        texts.append(f"the search ended early, because {why}: better motions may exist")
+    elif starts and "converged" not in ended:
         texts.append(
-            f"no start of the solver converged ({ended}): better motions may exist"
+            f"no start of the solver converged ({', '.join(sorted(ended))}): better motions may exist"
         )
     return [warning("design", task.setup.source, text) for text in texts]

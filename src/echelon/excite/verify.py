@@ -201,7 +201,7 @@ _COARSE, _MOST = (
 def motion_margins(
     trajectory: Trajectory, limits: Iterable[MotionLimit]
 ) -> list[Margin]:
-    """How far positions and their derivatives stay from limits."""
+    """Margins of positions and their derivatives."""
     return [_motion_margin(trajectory, limit) for limit in limits]
 
 
@@ -242,7 +242,7 @@ SAMPLES_PER_PERIOD = 200
 
 
 def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
-    """How far a trajectory stays from the limits at samples, in their order.
+    """Margins of a trajectory with closed loops, at samples, in the order of the limits.
 
     Where the loops cannot be closed, or another way of assembly turns up, no margin is left to singular poses, and all
     others count as broken.
@@ -296,7 +296,7 @@ def _peaks(values: Floats) -> Floats:
 
 
 class MotionBounds:
-    """How far points can move against each other per speed of each coordinate, at any pose.
+    """Bounds of the speed of points against each other per speed of each coordinate, at any pose.
 
     A rigid motion of both shapes changes no distance, so only joints between their bodies and the nearest body that
     carries both count.  A joint moves a point by its distance from the axis: at most the lengths of all placements
@@ -352,7 +352,7 @@ class MotionBounds:
         return total
 
     def _length(self, step: Step) -> float:
-        """How far a step can bring the frame."""
+        """The largest distance by which a step moves the frame, m."""
         if isinstance(step, Placement):
             return float(np.linalg.norm(placement_matrix(step, self._symbols)[:3, 3]))
         if step.kind is MotionKind.TRANSLATION:
@@ -388,15 +388,16 @@ class MotionBounds:
 _FIRST = 64  # intervals to begin with
 _BATCH = 4096  # intervals that are looked at together
 _TOUCH = 0.05  # share of the clearance by which a distance may be larger than its bound
-_SPARE = 0.25  # share of the room above the clearance that a bound may give away
+SPARE = 0.25  # share of the room above the clearance that a bound may give away
+FINEST = 0.02  # share of the tolerance that a bound may give away however little room there is
 
 
 class LeastClearances:
     """Lower bounds of all distances over all times of a trajectory.
 
-    Intervals of time, each for a pair of shapes, are halved until a bound is within the tolerance of the smallest
-    distance, or within a quarter of what lies between this and the clearance that is required: exact where it matters,
-    quick where it does not.
+    Intervals of time, each for a pair of shapes, are halved until a bound is within a quarter of what lies between the
+    smallest distance and the clearance that is required, or, where this is broken, within the tolerance: exact where it
+    matters, quick where it does not.
     """
 
     def __init__(
@@ -461,7 +462,9 @@ class LeastClearances:
             lower[asked], self._measured(places, times, at[asked], pair[asked])
         )
         # half of the tolerance ends every search, also where a distance could not be confirmed
-        good = (lower - falls >= self._goals()[group]) | (falls <= self.tolerance / 2)
+        good = (lower - falls >= self._goals()[group]) | (
+            falls <= self._slack()[group] / 2
+        )
         np.minimum.at(self.bounds, group[good], (lower - falls)[good])
         return np.asarray(~good)
 
@@ -472,8 +475,13 @@ class LeastClearances:
 
     def _goals(self) -> Floats:
         """Bounds that are good enough, by what was found so far; they never rise."""
-        spare = np.abs(self.found - self.clearance.low)
-        return np.asarray(self.found - np.maximum(self.tolerance, _SPARE * spare))
+        return np.asarray(self.found - self._slack())
+
+    def _slack(self) -> Floats:
+        """By how much bounds may be below the distances that were found, m: little where that decides."""
+        room = self.found - self.clearance.low
+        least = np.where(room > 0, FINEST * self.tolerance, self.tolerance)
+        return np.asarray(np.maximum(least, SPARE * np.abs(room)))
 
     def _measured(
         self, places: Floats, times: Floats, at: Integers, pair: Integers
@@ -512,7 +520,7 @@ class LeastClearances:
 
 
 def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
-    """How far a trajectory stays from all limits, first those of the motion, then those of the state in their order."""
+    """Margins of a trajectory to all limits, first those of the motion, then those of the state in their order."""
     found = motion_margins(trajectory, task.limits.motion)
     for constraint in task.constraints:
         if isinstance(constraint, Enclosed):

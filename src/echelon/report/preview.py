@@ -32,6 +32,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.regressor.loops import assembly_of
 from echelon.report.drawing import ahead, joint_axes, upward, widest_view
+from echelon.report.outlines import outline
 from echelon.report.page import (
     BYTES_PER_SAMPLE,
     VAGUE_PERCENT,
@@ -114,6 +115,7 @@ def preview_html(found: ExcitingTrajectory) -> str:
     data = {
         "robot": pictures,
         "motion": _signals(found),
+        "distance": _distance(found),
         "conditioning": {
             "time": [time for time, _ in seen],
             "condition": [condition for _, condition in seen],
@@ -246,6 +248,19 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
     }
 
 
+def _distance(found: ExcitingTrajectory) -> dict[str, Any] | None:
+    """The smallest distance over time, JSON-able; None where none is checked."""
+    close = found.closeness
+    if close is None:
+        return None
+    names = [one_line(label.removeprefix("distance of ")) for label in close.nearest]
+    return {
+        "time": packed(close.time),
+        "distance": packed(close.distance),
+        "nearest": names,
+    }
+
+
 def _limits(found: ExcitingTrajectory) -> Context:
     """Table of limits: the allowed value, the reached one and the margin, least margin first."""
     rows = sorted((_limit(margin) for margin in found.margins), key=_urgency)
@@ -253,7 +268,9 @@ def _limits(found: ExcitingTrajectory) -> Context:
         state: sum(row["state"] == state for row in rows)
         for state in ("broken", "active", "kept")
     }
+    checked = found.closeness is not None
     return {
+        "distances": checked,
         "rows": rows,
         "counts": counts,
         "near": f"{100 * ACTIVE:g}",
@@ -486,8 +503,18 @@ def _pictures(found: ExcitingTrajectory, view: Scene) -> dict[str, Any]:
         name: packed(getattr(view, name))
         for name in ("origins", "axes", "tips", "q", "qd")
     }
+    obstacles = [
+        {
+            "name": one_line(shape.name),
+            "curves": [
+                curve.round(4).tolist() for curve in outline(shape, view.extent)
+            ],
+        }
+        for shape in found.obstacles
+    ]
     return {
         "bodies": bodies,
+        "obstacles": obstacles,
         "pictures": len(view.time),
         "duration": float(view.time[-1]),
         "coordinates": [one_line(name) for name in found.trajectory.coordinates],

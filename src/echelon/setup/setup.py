@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.doors import public
+from echelon.errors import InputError
 from echelon.exact.expressions import PI, parse
 from echelon.exact.field import DEFAULT_SEED
 from echelon.exact.polynomial import symbol_of
@@ -61,6 +62,8 @@ class Setup:
     excitation : ExcitationEntry
         What a trajectory has to keep that excites the parameters; see :func:`echelon.exciting_trajectory`.
     seed : int
+    document : Document, optional
+        The description as it was read, which knows lines.
     """
 
     source: str
@@ -79,6 +82,24 @@ class Setup:
     assumed: tuple[str, ...] = ()
     excitation: ExcitationEntry = field(default_factory=ExcitationEntry.model_construct)
     seed: int = DEFAULT_SEED
+    document: Document | None = field(default=None, repr=False)
+
+    def error(self, path: str, problem: str) -> InputError:
+        """An error about an element of the file, with its line where that is known.
+
+        Parameters
+        ----------
+        path : str
+            Path of the element, such as ``excitation.collisions.obstacles[0]``.
+        problem : str
+
+        Returns
+        -------
+        InputError
+        """
+        if self.document is None:
+            return InputError(problem, source=self.source, element=path)
+        return self.document.error(path, problem)
 
     def with_settings(self, **changes: Any) -> Setup:
         """The set-up with other settings of the section ``identification``.
@@ -159,6 +180,11 @@ def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
     )
 
 
+def with_file_effects(setup: Setup) -> Setup:
+    """The set-up with the usual effects, where a robot file that states none stands beside it."""
+    return with_usual(setup) if setup.robot_file is not None else setup
+
+
 def with_usual(setup: Setup) -> Setup:
     """The set-up with the usual effects, where its file is silent about effects."""
     if setup.states_effects or setup.mechanism.effects:
@@ -216,6 +242,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
         states_effects=robot.effects is not None,
         usual="usual" in (robot.effects or ()),
         excitation=robot.excitation,
+        document=document,
     )
 
 

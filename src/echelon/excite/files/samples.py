@@ -55,7 +55,7 @@ _ON_GRID = 1e-6
 
 
 @dataclass(frozen=True)
-class Samples:
+class MotionSamples:
     """A motion at some times."""
 
     coordinates: tuple[str, ...]
@@ -105,7 +105,7 @@ def places(names: Sequence[str], coordinates: Sequence[str], element: str) -> li
     return [names.index(name) for name in coordinates]
 
 
-def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> Samples:
+def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> MotionSamples:
     """A trajectory at equal steps from its beginning to its end, both included.
 
     Where the end is not a multiple of the step, the last step is shorter.
@@ -130,7 +130,7 @@ def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> Samples:
         problem = f"{rate:g} Hz gives {len(t)} samples in {end:g} s; at least {FEWEST} make a trajectory"
         raise InputError(problem, element="rate")
     q, qd, qdd = (_evaluated(trajectory, t, order) for order in range(3))
-    return Samples(trajectory.coordinates, t, (q, qd, qdd))
+    return MotionSamples(trajectory.coordinates, t, (q, qd, qdd))
 
 
 def _evaluated(trajectory: Trajectory, t: Floats, order: int) -> Floats:
@@ -158,7 +158,7 @@ _PER = ("", "/s", "/s²")
 _UNIT = b"unit"
 
 
-def csv_text(samples: Samples) -> str:
+def csv_text(samples: MotionSamples) -> str:
     """A header and a line per sample, with 17 significant digits, from which every number reads back exactly."""
     columns = _columns(samples)
     stream = io.StringIO()
@@ -169,7 +169,7 @@ def csv_text(samples: Samples) -> str:
     return stream.getvalue()
 
 
-def parquet_bytes(samples: Samples, units: Sequence[str]) -> bytes:
+def parquet_bytes(samples: MotionSamples, units: Sequence[str]) -> bytes:
     """A Parquet file with the same columns, each with its unit in its metadata."""
     with extra("excite"):
         import pyarrow as pa
@@ -187,7 +187,7 @@ def parquet_bytes(samples: Samples, units: Sequence[str]) -> bytes:
 
 def read_samples(
     path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]
-) -> Samples:
+) -> MotionSamples:
     """Samples from a table with the columns ``t`` and, for each coordinate, ``q_<name>`` or its name alone.
 
     Columns ``qd_<name>`` and ``qdd_<name>`` need not be there.
@@ -217,10 +217,12 @@ def read_samples(
         stacked(1),
         stacked(2),
     )
-    return Samples(tuple(coordinates), table[TIME], states, names=tuple(positions))
+    return MotionSamples(
+        tuple(coordinates), table[TIME], states, names=tuple(positions)
+    )
 
 
-def _columns(samples: Samples) -> dict[str, Floats]:
+def _columns(samples: MotionSamples) -> dict[str, Floats]:
     found = {TIME: samples.t}
     return found | {
         samples.column(order, j): values for order, j, values in samples.columns()
@@ -253,7 +255,8 @@ def _positions(
     lacking = next(
         k for k, column in enumerate(style) if column not in names or column == TIME
     )
-    problem = f"no column '{prefixed[lacking]}' or '{coordinates[lacking]}'; there are {in_quotes(map(one_line, names))}"
+    there = in_quotes(map(one_line, names))
+    problem = f"no column '{prefixed[lacking]}' or '{coordinates[lacking]}'; there are {there}"
     raise InputError(
         one_line(problem), source=source, element=f"coordinate '{coordinates[lacking]}'"
     )
@@ -302,7 +305,7 @@ _NANO = 10**9  # steps of the message's times in a second
 _STATES = ("positions", "velocities", "accelerations")
 
 
-def yaml_text(samples: Samples) -> str:
+def yaml_text(samples: MotionSamples) -> str:
     """The message as YAML."""
     import yaml
 
@@ -364,7 +367,7 @@ class _Message(Schema):
     points: list[_Point]
 
 
-def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> Samples:
+def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> MotionSamples:
     """Samples from a message as YAML."""
     documents = [
         found.data for found in parse_yaml(content, source) if found.data is not None
@@ -384,7 +387,7 @@ def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> Sample
         )
     stamps = [point.time_from_start for point in message.points]
     t = np.array([stamp.sec * _NANO + stamp.nanosec for stamp in stamps]) / _NANO
-    return Samples(tuple(coordinates), t, (q, qd, qdd), 1 / _NANO)
+    return MotionSamples(tuple(coordinates), t, (q, qd, qdd), 1 / _NANO)
 
 
 def _values(points: Sequence[_Point], name: str, width: int) -> Floats | None:
@@ -405,7 +408,7 @@ GROSS = 0.2  # root mean square of a difference, relative to that of what differ
 
 
 def interpolated(
-    samples: Samples, units: Sequence[str], source: str, row: str = "row"
+    samples: MotionSamples, units: Sequence[str], source: str, row: str = "row"
 ) -> Trajectory:
     """The quintic spline through samples, from time 0 on."""
     with extra("excite"):
@@ -424,7 +427,7 @@ def interpolated(
     )
 
 
-def _check_numbers(samples: Samples, source: str, row: str) -> None:
+def _check_numbers(samples: MotionSamples, source: str, row: str) -> None:
     count = len(samples.t)
     if count < FEWEST:
         raise InputError(
@@ -457,7 +460,7 @@ def _check_times(t: Floats, stated: Floats, source: str, row: str) -> None:
 
 
 def _check_derivatives(
-    samples: Samples, spline: BSpline, t: Floats, source: str
+    samples: MotionSamples, spline: BSpline, t: Floats, source: str
 ) -> None:
     """Velocities and accelerations that the file states; differences that rounding explains do not count."""
     speeds, step = spline(t, nu=1), float(np.min(np.diff(t)))

@@ -67,13 +67,13 @@ EXPLANATION = (
 Length = Annotated[float, Field(ge=DURATIONS[0], le=DURATIONS[1])]
 
 
-class _Strict(Schema):
+class _TrajectoryPart(Schema):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False
     )
 
 
-class FourierCoefficients(_Strict):
+class FourierCoefficients(_TrajectoryPart):
     """One coordinate's coefficients, in its unit."""
 
     constant: float
@@ -85,7 +85,7 @@ class FourierCoefficients(_Strict):
     )
 
 
-class FourierRecord(_Strict):
+class FourierRecord(_TrajectoryPart):
     """A finite Fourier series."""
 
     family: Literal["fourier"]
@@ -95,7 +95,7 @@ class FourierRecord(_Strict):
     coefficients: dict[str, FourierCoefficients] = Field(description="By coordinate.")
 
 
-class SplinesRecord(_Strict):
+class SplinesRecord(_TrajectoryPart):
     """B-splines on knots that all coordinates share."""
 
     family: Literal["splines"]
@@ -109,7 +109,7 @@ class SplinesRecord(_Strict):
     )
 
 
-class SumRecord(_Strict):
+class SumRecord(_TrajectoryPart):
     """Motions of one duration on top of one another."""
 
     family: Literal["sum"]
@@ -120,7 +120,7 @@ class SumRecord(_Strict):
 Motion = Annotated[FourierRecord | SplinesRecord | SumRecord, Discriminator("family")]
 
 
-class TrajectoryRecord(_Strict):
+class TrajectoryRecord(_TrajectoryPart):
     """A trajectory; keys that are not named here say where it comes from and do not change it."""
 
     model_config = ConfigDict(extra="allow", title="Echelon trajectory")
@@ -289,7 +289,10 @@ def _read_splines(
     ends = [*knots[:degree], *knots[len(knots) - degree :]]
     clamped = len(breaks) >= 2 and ends == [0.0] * degree + [breaks[-1]] * degree
     if not clamped or breaks[0] != 0 or np.any(np.diff(breaks) <= 0):
-        problem = f"of degree {degree} begin with {degree + 1} times 0, rise, and end with {degree + 1} times the duration"
+        ends_with = f"end with {degree + 1} times the duration"
+        problem = (
+            f"of degree {degree} begin with {degree + 1} times 0, rise, and {ends_with}"
+        )
         raise InputError(problem, element=f"{path}.knots")
     places(list(record.control_points), names, f"{path}.control_points")
     basis = Splines(tuple(breaks.tolist()), degree)

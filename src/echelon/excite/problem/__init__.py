@@ -1,1 +1,1 @@
-"""What is asked for: the task, families of motions, limits, information, and the optimisation problem."""
+"""The problem of a design: the task, families of motions, limits, information, and the optimisation problem."""

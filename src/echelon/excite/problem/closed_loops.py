@@ -300,6 +300,8 @@ class LoopRegressor(StateRegressor):
         return share**2 * (3 - 2 * share), 6 * share * (1 - share) * scale
 
 
+SECONDS_TO_CLOSE = 2e-4  # work of closing loops at a sample, with derivatives, as measured with a Delta robot
+
 OPEN = (
     0.15  # least openness that a solver has to keep, as a share of LoopMotion.reference
 )
@@ -313,11 +315,15 @@ class LoopLimits(StateConstraint):
     negative, by how far it is back to where they can.  All others count as kept there.
     """
 
-    leading: ClassVar[int] = 1
     motion: LoopMotion
     parts: tuple[
         StateConstraint, ...
     ]  # of all positions, and the independent velocities and accelerations
+
+    @property
+    def seconds(self) -> float:
+        """Work of the parts, and of closing the loops."""
+        return SECONDS_TO_CLOSE + sum(part.seconds for part in self.parts)
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at independent states of shape (N, k), shape (N, m)."""

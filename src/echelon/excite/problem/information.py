@@ -35,7 +35,7 @@ ADJOINT = "adjoint"
 
 
 @dataclass(frozen=True)
-class Rows:
+class OutputEntries:
     """Entries of one output."""
 
     entries: slice  # where they are among all entries
@@ -77,13 +77,13 @@ class StateRegressor:
         return len(self.function.entries)
 
     @property
-    def rows(self) -> list[Rows]:
+    def rows(self) -> list[OutputEntries]:
         """The entries of each output."""
         indices = np.array(list(self.function.entries), dtype=np.intp).reshape(-1, 2)
         cuts = np.searchsorted(
             indices[:, 0], np.arange(self.function.shape[0] + 1)
         ).tolist()
-        return [Rows(slice(a, b), indices[a:b, 1]) for a, b in pairwise(cuts)]
+        return [OutputEntries(slice(a, b), indices[a:b, 1]) for a, b in pairwise(cuts)]
 
     def entries(self, state: Mapping[str, Floats]) -> Floats:
         """Values of all entries, shape (N, size)."""
@@ -163,6 +163,11 @@ class Information:
             np.ascontiguousarray(basis.values(times, order)) for order in range(3)
         )
         self.rows = regressor.rows
+
+    @property
+    def size(self) -> int:
+        """Number of entries of all samples."""
+        return len(self.phi[0]) * self.regressor.size
 
     def __call__(self, coefficients: Floats) -> MotionInformation:
         """The information of a motion with coefficients of shape (basis.size, n)."""

@@ -1,4 +1,4 @@
-"""What is known before a trajectory is run: information of logs at hand, and the model that predicts efforts."""
+"""Knowledge before a trajectory is run: information of logs at hand, and the model that predicts efforts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from echelon.mechanism.sources import Readable
 from echelon.observe.observation import Observation
 from echelon.results.identified import load_identified
 from echelon.setup.logs import with_logs
-from echelon.setup.setup import Setup, setup_of
+from echelon.setup.setup import Setup, setup_of, with_file_effects
 
 
 @public
@@ -51,7 +51,7 @@ def information_of_logs(
     InputError
         If a log cannot be read, or coordinates are held, so that other parameters are seen.
     """
-    setup = setup_of(setup)
+    setup = with_file_effects(setup_of(setup))
     entry = setup.excitation
     if entry.move is not None or entry.hold:
         problem = "logs determine other parameters than a trajectory that holds coordinates; let all of them move"

@@ -17,7 +17,7 @@ Lengths are in m, angles in rad, in the frame of the body; boxes have half lengt
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -28,7 +28,14 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import Rational
-from echelon.excite.problem.shapes import SIZES, WORLD, Kind, Shape, placed, z_along
+from echelon.excite.problem.shapes import (
+    SIZES,
+    WORLD,
+    Shape,
+    ShapeKind,
+    placed,
+    z_along,
+)
 from echelon.extras import extra
 from echelon.formats.literal import (
     LiteralPlacement,
@@ -50,16 +57,18 @@ from echelon.formats.mjcf.mjcf_model import (
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.urdf.exact_xml import ExactXml
+from echelon.inertia import pseudo_inertia
 from echelon.mechanism.joint import GROUND
 from echelon.mechanism.mechanism import Mechanism
 
+THINNEST = 5e-3  # m, half length of a box that stands for an inertia at least: mass points have none
 STAND_IN = (
     "shapes of the set-up can stand in for it"  # advice for a shape that cannot be read
 )
 
 
 @dataclass(frozen=True)
-class Geometry:
+class FileShapes:
     """Shapes of a file."""
 
     shapes: tuple[Shape, ...]
@@ -170,12 +179,12 @@ def mesh_shape(
     except QhullError:
         problem = "its vertices lie in a plane: a thin box can stand in for it"
         raise InputError(problem, element=f"shape '{name}'") from None
-    return Shape(name, body, Kind.MESH, (), placement, vertices[kept], link)
+    return Shape(name, body, ShapeKind.MESH, (), placement, vertices[kept], link)
 
 
 def urdf_geometry(
     mechanism: Mechanism, file: RobotFile, tolerant: bool = False
-) -> Geometry:
+) -> FileShapes:
     """Shapes of all ``<collision>`` elements; see :func:`read_geometry`."""
     tree = file.tree(mimics=False)
     placement = {
@@ -197,7 +206,7 @@ def urdf_geometry(
                 if not tolerant:
                     raise
                 notes.append(f"left out: {error}")
-    return Geometry(tuple(shapes), notes=tuple(notes))
+    return FileShapes(tuple(shapes), notes=tuple(notes))
 
 
 def _collision(
@@ -230,17 +239,17 @@ def _collision(
                 float, xml.triple(form.get("size", ""), (0, 0, 0), f"{where} size")
             )
             return Shape(
-                name, body, Kind.BOX, (x / 2, y / 2, z / 2), placement, link=link
+                name, body, ShapeKind.BOX, (x / 2, y / 2, z / 2), placement, link=link
             )
         case "sphere":
             return Shape(
-                name, body, Kind.SPHERE, (number("radius"),), placement, link=link
+                name, body, ShapeKind.SPHERE, (number("radius"),), placement, link=link
             )
         case "cylinder" | "capsule" as kind:
             return Shape(
                 name,
                 body,
-                Kind(kind),
+                ShapeKind(kind),
                 (number("radius"), number("length") / 2),
                 placement,
                 link=link,
@@ -253,7 +262,7 @@ def _collision(
 
 def mjcf_geometry(
     mechanism: Mechanism, file: RobotFile, tolerant: bool = False
-) -> Geometry:
+) -> FileShapes:
     """Shapes of all geoms that collide with something; see :func:`read_geometry`."""
     source, tree = file.source, file.tree(mimics=False)
     spec = parse_spec(file.mjcf)
@@ -282,7 +291,7 @@ def mjcf_geometry(
             if not tolerant:
                 raise error.located(source) from None
             notes.append(f"left out: {error.located(source)}")
-    return Geometry(tuple(shapes), excluded, tuple(notes))
+    return FileShapes(tuple(shapes), excluded, tuple(notes))
 
 
 def _remove_others(spec: Any, directory: Path) -> list[tuple[str, str]]:
@@ -336,7 +345,9 @@ def _geom(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
         vertices = np.asarray(model.mesh_vert[first : first + count], dtype=float)
         return mesh_shape(name, body, placement, vertices, link)
     problem = (
-        "" if kind in list(Kind) else f"shapes of type '{kind}' are not convex solids"
+        ""
+        if kind in list(ShapeKind)
+        else f"shapes of type '{kind}' are not convex solids"
     )
     if kind == "plane" and body != GROUND:
         problem = "a plane on a moving body is not supported"
@@ -344,13 +355,15 @@ def _geom(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
         raise InputError(
             f"{problem}; {STAND_IN}", element=f"geom '{name}' of body '{link}'"
         )
-    sizes = tuple(float(v) for v in model.geom_size[geom][: len(SIZES[Kind(kind)])])
-    return Shape(name, body, Kind(kind), sizes, placement, link=link)
+    sizes = tuple(
+        float(v) for v in model.geom_size[geom][: len(SIZES[ShapeKind(kind)])]
+    )
+    return Shape(name, body, ShapeKind(kind), sizes, placement, link=link)
 
 
 def read_geometry(
     mechanism: Mechanism, file: RobotFile, *, tolerant: bool = False
-) -> Geometry:
+) -> FileShapes:
     """Collision shapes of a URDF or MJCF file; with ``tolerant``, those that cannot be read are noted."""
     tag = file.root.tag
     if tag == "robot":
@@ -361,17 +374,44 @@ def read_geometry(
     raise InputError(problem, source=file.source)
 
 
+def inertia_boxes(mechanism: Mechanism, shaped: Collection[int]) -> tuple[Shape, ...]:
+    """Boxes of uniform density with the stated inertias, for bodies that are not among those with shapes."""
+    found = []
+    for index, body in enumerate(mechanism.bodies):
+        if index in shaped or body.inertial is None:
+            continue
+        J = pseudo_inertia(np.array(body.inertial, dtype=float))
+        mass = J[3, 3]
+        if mass <= 0:
+            continue
+        centre = J[:3, 3] / mass
+        variances, axes = np.linalg.eigh(J[:3, :3] / mass - np.outer(centre, centre))
+        # a uniform box of half length a has the variance a²/3
+        half = np.maximum(np.sqrt(3 * np.maximum(variances, 0.0)), THINNEST)
+        axes[:, 0] *= np.linalg.det(axes)
+        found.append(
+            Shape(
+                f"{body.name}:inertia",
+                index,
+                ShapeKind.BOX,
+                tuple(half.tolist()),
+                placed(axes, centre),
+            )
+        )
+    return tuple(found)
+
+
 # -- shapes of a set-up ------------------------------------------------------------------------------------------------
 
 _POSED = ("at", "rpy")
 _ALLOWED = {
-    Kind.SPHERE: ("at",),
-    Kind.CAPSULE: ("from", "to"),
-    Kind.CYLINDER: ("from", "to"),
-    Kind.BOX: _POSED,
-    Kind.ELLIPSOID: _POSED,
-    Kind.PLANE: ("through",),
-    Kind.MESH: (*_POSED, "scale"),
+    ShapeKind.SPHERE: ("at",),
+    ShapeKind.CAPSULE: ("from", "to"),
+    ShapeKind.CYLINDER: ("from", "to"),
+    ShapeKind.BOX: _POSED,
+    ShapeKind.ELLIPSOID: _POSED,
+    ShapeKind.PLANE: ("through",),
+    ShapeKind.MESH: (*_POSED, "scale"),
 }
 
 
@@ -379,15 +419,23 @@ def entry_shapes(
     mechanism: Mechanism,
     entries: Sequence[Mapping[str, Any]],
     directory: Path | None = None,
+    refused: Callable[[int, str], InputError] | None = None,
 ) -> tuple[Shape, ...]:
-    """Shapes of a set-up, whose meshes are looked for from a directory."""
+    """Shapes of a set-up, whose meshes are looked for from a directory.
+
+    ``refused`` makes an error of the place of an entry and a problem.
+    """
     found = []
     for number, entry in enumerate(entries, start=1):
         try:
             found.append(_stated(entry, number, mechanism, directory or Path()))
         except InputError as error:
+            named = entry.get("name") if hasattr(entry, "get") else None
+            problem = error.problem if named is None else f"'{named}': {error.problem}"
+            if refused is not None:
+                raise refused(number - 1, problem) from None
             raise InputError(
-                error.problem, source=error.source, element=f"shapes, entry {number}"
+                problem, source=error.source, element=f"shapes, entry {number}"
             ) from None
     return tuple(found)
 
@@ -402,15 +450,15 @@ def _stated(
         f"{kind} {number}" if body == GROUND else f"{entry['body']}:{kind}{number}"
     )
     name = str(entry.get("name", unnamed))
-    if kind is Kind.PLANE:
+    if kind is ShapeKind.PLANE:
         normal = _direction(_numbers(entry, kind.value, 3), "the normal")
         return Shape(
             name, body, kind, (), placed(z_along(normal), _triple(entry, "through"))
         )
-    if kind in (Kind.CAPSULE, Kind.CYLINDER):
+    if kind in (ShapeKind.CAPSULE, ShapeKind.CYLINDER):
         return _between(entry, name, body, kind)
     pose = placed(rotation_matrix(*_triple(entry, "rpy")), _triple(entry, "at"))
-    if kind is Kind.MESH:
+    if kind is ShapeKind.MESH:
         if not isinstance(entry["mesh"], str):
             raise InputError(f"'mesh' needs the name of a file, got {entry['mesh']!r}")
         scale = _numbers(entry, "scale", 3) if "scale" in entry else [1.0, 1.0, 1.0]
@@ -422,16 +470,18 @@ def _stated(
     )
 
 
-def _kind(entry: Mapping[str, Any]) -> Kind:
+def _kind(entry: Mapping[str, Any]) -> ShapeKind:
     """The kind of an entry, which has no keys that mean nothing to it."""
     if not isinstance(entry, Mapping):
         raise InputError(
             f"expected a mapping such as {{body: link3, sphere: 0.06}}, got {entry!r}"
         )
-    kinds = [kind for kind in Kind if kind.value in entry]
+    kinds = [kind for kind in ShapeKind if kind.value in entry]
     if len(kinds) != 1:
         found = " and ".join(kinds) if kinds else "none"
-        raise InputError(f"it needs exactly one of {', '.join(Kind)}; found {found}")
+        raise InputError(
+            f"it needs exactly one of {', '.join(ShapeKind)}; found {found}"
+        )
     valid = ("body", "name", kinds[0].value, *_ALLOWED[kinds[0]])
     strange = next((key for key in entry if key not in valid), None)
     if strange is not None:
@@ -453,7 +503,7 @@ def _body(name: object, mechanism: Mechanism) -> int:
     raise InputError(f"{problem} (valid: {', '.join((*names, WORLD[0]))})")
 
 
-def _between(entry: Mapping[str, Any], name: str, body: int, kind: Kind) -> Shape:
+def _between(entry: Mapping[str, Any], name: str, body: int, kind: ShapeKind) -> Shape:
     """A capsule or cylinder between the ends of its axis."""
     for key in ("from", "to"):
         if key not in entry:

@@ -23,7 +23,7 @@ from echelon.errors import InputError
 from echelon.mechanism.joint import GROUND
 
 
-class Kind(StrEnum):
+class ShapeKind(StrEnum):
     """Kinds of shapes."""
 
     SPHERE = "sphere"
@@ -36,13 +36,13 @@ class Kind(StrEnum):
 
 
 SIZES = {
-    Kind.SPHERE: ("radius",),
-    Kind.CAPSULE: ("radius", "half length"),
-    Kind.CYLINDER: ("radius", "half length"),
-    Kind.BOX: ("half length in x", "half length in y", "half length in z"),
-    Kind.ELLIPSOID: ("semi-axis x", "semi-axis y", "semi-axis z"),
-    Kind.PLANE: (),
-    Kind.MESH: (),
+    ShapeKind.SPHERE: ("radius",),
+    ShapeKind.CAPSULE: ("radius", "half length"),
+    ShapeKind.CYLINDER: ("radius", "half length"),
+    ShapeKind.BOX: ("half length in x", "half length in y", "half length in z"),
+    ShapeKind.ELLIPSOID: ("semi-axis x", "semi-axis y", "semi-axis z"),
+    ShapeKind.PLANE: (),
+    ShapeKind.MESH: (),
 }
 
 
@@ -68,7 +68,7 @@ class Shape:
     body: int  # index of the body that carries it, −1 for the world
     # capsules and cylinders lie along z; a plane is the half-space below z = 0 and belongs to the world; a mesh
     # stands for the convex hull of its vertices
-    kind: Kind
+    kind: ShapeKind
     # m: the radius of a sphere; radius and half length of a capsule (without its caps) or cylinder; half lengths of
     # a box; semi-axes of an ellipsoid; empty for planes and meshes
     size: tuple[float, ...]
@@ -86,18 +86,18 @@ class Shape:
         for name, value in zip(names, self.size, strict=True):
             if not (np.isfinite(value) and value > 0):
                 raise self._error(f"the {name} must be a positive number, got {value}")
-        if self.kind is Kind.PLANE and self.body != GROUND:
+        if self.kind is ShapeKind.PLANE and self.body != GROUND:
             raise self._error("a plane is infinite: it can only belong to the world")
 
     @cached_property
     def core(self) -> tuple[Floats, float] | None:
         """Points of shape (k, 3) and a radius, if the solid is what is so near to the points' convex hull."""
-        if self.kind is Kind.SPHERE:
+        if self.kind is ShapeKind.SPHERE:
             return np.zeros((1, 3)), self.size[0]
-        if self.kind is Kind.CAPSULE:
+        if self.kind is ShapeKind.CAPSULE:
             radius, half = self.size
             return np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]), radius
-        points = CORNERS * self.size if self.kind is Kind.BOX else self.vertices
+        points = CORNERS * self.size if self.kind is ShapeKind.BOX else self.vertices
         return None if points is None else (points, 0.0)
 
     @property
@@ -129,6 +129,7 @@ _DIRECTIONS = np.array(
     [d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=float
 )
 _UP = np.array([0.0, 0.0, 1.0])
+UNTOLD = 1e-6  # m, by which the planes of a normal may be nearer to each other than the points it is of
 _TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a normal
 
 
@@ -138,7 +139,7 @@ def support(shape: Shape, directions: Floats) -> Floats:
     if shape.core is not None:
         points, radius = shape.core
         return np.asarray((n @ points.T).max(axis=1) + radius)
-    if shape.kind is Kind.CYLINDER:
+    if shape.kind is ShapeKind.CYLINDER:
         return np.asarray(
             shape.size[0] * np.hypot(n[:, 0], n[:, 1]) + shape.size[1] * np.abs(n[:, 2])
         )
@@ -153,7 +154,7 @@ def bounding_sphere(shape: Shape) -> tuple[Floats, float]:
         return middle, radius + float(np.linalg.norm(points - middle, axis=1).max())
     largest = (
         np.linalg.norm(shape.size)
-        if shape.kind is Kind.CYLINDER
+        if shape.kind is ShapeKind.CYLINDER
         else max(shape.size, default=np.inf)
     )
     return np.zeros(3), float(largest)
@@ -204,7 +205,7 @@ def plane_gaps(
 
     The second shape is not a plane.  Points of shape (N, 2, 3) that are nearest, or deepest, give the normals.
     """
-    if first.kind is Kind.PLANE:
+    if first.kind is ShapeKind.PLANE:
         return _between(first, second, places, places[0][:, :, 2])
     apart = points[:, 1] - points[:, 0]
     lengths = np.linalg.norm(apart, axis=1, keepdims=True)
@@ -214,11 +215,16 @@ def plane_gaps(
         _between(first, second, places, normals),
         _between(first, second, places, -normals),
     )
-    untold = np.flatnonzero(lengths[:, 0] <= _TOUCHING)
+    # points of faces that lie on each other, and of shapes that touch, tell no normal; axes of the shapes may be one
+    untold = np.flatnonzero(np.abs(np.abs(found) - lengths[:, 0]) > UNTOLD)
     if len(untold):
         some = (places[0][untold], places[1][untold])
-        for guess in _DIRECTIONS:
-            normals = np.broadcast_to(guess / np.linalg.norm(guess), (len(untold), 3))
+        axes = [place[:, :, k] for place in some for k in range(3)]
+        fixed = [
+            np.broadcast_to(guess / np.linalg.norm(guess), (len(untold), 3))
+            for guess in _DIRECTIONS
+        ]
+        for normals in (*fixed, *axes, *(-axis for axis in axes)):
             found[untold] = np.maximum(
                 found[untold], _between(first, second, some, normals)
             )
@@ -234,7 +240,7 @@ def _between(
         (first, places[0], normals),
         (second, places[1], -normals),
     ):
-        if shape.kind is not Kind.PLANE:
+        if shape.kind is not ShapeKind.PLANE:
             total = total - support(
                 shape, np.einsum("nij,ni->nj", place[:, :, :3], side)
             )

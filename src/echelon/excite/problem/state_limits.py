@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +64,10 @@ class MotionLimit:
 Slopes = tuple[Floats | None, Floats | None, Floats | None]
 """Derivatives by q, q̇ and q̈, each of shape (N, m, n); None where there are none."""
 
+SECONDS_PER_FUNCTION = (
+    2e-6  # work of a recorded function of the state with its slopes, as measured
+)
+
 _NUMBERS = 2**22  # that are worked on together: every operation keeps its result
 
 
@@ -76,9 +79,11 @@ class StateConstraint(ABC):
     units: tuple[str, ...]  # SI units of the functions
     low: Floats  # least values, shape (m,); −∞ for none
     high: Floats  # largest values, shape (m,); ∞ for none
-    leading: ClassVar[int] = (
-        0  # functions, the first ones, that a solver has to keep from the beginning
-    )
+
+    @property
+    def seconds(self) -> float:
+        """Work of all values and slopes at a sample, about what a processor takes for it, s."""
+        return SECONDS_PER_FUNCTION * len(self.labels)
 
     @abstractmethod
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:

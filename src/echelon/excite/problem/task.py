@@ -22,15 +22,23 @@ from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError, locating
+from echelon.excite.problem.allowances import POSES, allowances_of, without_touching
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.closed_loops import (
+    LoopMotion,
     check_loops,
     loop_limits,
     loop_motion,
     passive_motions,
 )
 from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
-from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
+from echelon.excite.problem.robot_shapes import (
+    STAND_IN,
+    entry_shapes,
+    inertia_boxes,
+    read_geometry,
+)
+from echelon.excite.problem.shapes import Shape
 from echelon.excite.problem.state_limits import (
     ORDERS,
     EffortLimit,
@@ -48,7 +56,7 @@ from echelon.formats.schema.schema_excite import (
 )
 from echelon.formats.stated_limits import StatedLimits, stated_limits
 from echelon.hints import nearest_of
-from echelon.logs.finding import Finding, note, warning
+from echelon.logs.finding import Finding, listed, note, warning
 from echelon.mechanism.lock_joints import lock_joints, lockable
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
@@ -61,6 +69,12 @@ _SPEEDS = {
 }  # speeds that are taken where none is stated: those of a careful first run
 _SPEED_UP, _ONSET = 0.1, 0.05
 """Seconds to the full speed, and to the full acceleration, where accelerations and jerks are not stated."""
+
+
+MOST_TURNS = (
+    4 * pi
+)  # rad, beyond which a stated position is taken for degrees: no joint of an arm turns so far
+SAME = 1e-3  # rad or m, by which a stated range may exceed the file's: rounded decimals
 
 
 @dataclass(frozen=True)
@@ -104,6 +118,7 @@ class _Resolver:
         self.stated = {name: stated.get(name, StatedLimits()) for name in self.names}
         self.drives = _drives(mechanism, self.names)
         self.defaults: dict[str, dict[str, list[str]]] = {}
+        self.unlimited: list[str] = []  # efforts that a file states as zero
 
     def resolved(self) -> ResolvedLimits:
         self._check_names()
@@ -127,9 +142,10 @@ class _Resolver:
         kept = tuple(
             limit for limit in limits if isfinite(limit.low) or isfinite(limit.high)
         )
+        efforts = tuple(self._efforts())
         return ResolvedLimits(
             kept,
-            tuple(self._efforts()),
+            efforts,
             low,
             high,
             tuple(self.units.values()),
@@ -170,7 +186,24 @@ class _Resolver:
         if found[0] >= found[1]:
             problem = f"the position range of '{name}' has length zero: hold it, or give a longer one"
             raise InputError(problem, source=self.source, element="position limits")
+        if not self.entry.beyond_file:
+            self._check_width(name, found)
         return found
+
+    def _check_width(self, name: str, found: tuple[float, float]) -> None:
+        """Refuse a range that is wider than the file's, or wider than any joint's, as degrees are."""
+        stated = self.stated[name].position or (-inf, inf)
+        rotates = self.units[name] == "rad"
+        finite = [abs(end) for end in found if isfinite(end)]
+        told = ""
+        if rotates and max(finite, default=0.0) > MOST_TURNS:
+            told = "is beyond 4π: ranges are in rad, and 180° is pi"
+        elif finite and (found[0] < stated[0] - SAME or found[1] > stated[1] + SAME):
+            told = f"is wider than the robot file's, [{stated[0]:g}, {stated[1]:g}] {self.units[name]}"
+        if told:
+            shown = f"[{found[0]:g}, {found[1]:g}]"
+            problem = f"the position range of '{name}', {shown}, {told}; if it is meant, write beyond_file: true"
+            raise InputError(problem, source=self.source, element="position limits")
 
     def _rate(self, order: int, name: str, default: float) -> float:
         """The limit of a velocity, an acceleration or a jerk."""
@@ -194,6 +227,11 @@ class _Resolver:
     def _default(self, kind: str, name: str, value: str) -> None:
         self.defaults.setdefault(kind, {}).setdefault(value, []).append(name)
 
+    def _note_zero_effort(self, name: str) -> None:
+        """Remember an effort that the file states as zero and that nothing replaces."""
+        if any(" effort 0 " in text for text in self.stated[name].notes):
+            self.unlimited.append(name)
+
     def _findings(self) -> Iterator[Finding]:
         """Defaults that were taken, by kind."""
         for kind, taken in self.defaults.items():
@@ -202,6 +240,11 @@ class _Resolver:
             )
             text = f"no {kind} limits are stated, so these are taken: {values}"
             yield note("default limit", self.source, text)
+        if self.unlimited:
+            names = listed(self.unlimited)
+            text = f"the robot file states an effort of 0 for {names}, which counts as not stated, so nothing limits it"
+            advice = f"write limits: effort: {{{self.unlimited[0]}: 50}}, or none if it is meant"
+            yield warning("effort", self.source, f"{text}; {advice}")
 
     # -- drives ----------------------------------------------------------------------------------------------------
 
@@ -236,6 +279,8 @@ class _Resolver:
                 and (effort := self.stated[name].effort) is not None
             ):
                 value = effort * self.entry.scale
+            if value is None and name in self.names:
+                self._note_zero_effort(name)
             if value is not None and value != inf:
                 first = (
                     name
@@ -243,7 +288,8 @@ class _Resolver:
                     else self.names[int(np.flatnonzero(self.drives[name])[0])]
                 )
                 unit = "N·m" if self.units[first] == "rad" else "N"
-                found.append(EffortLimit(name, unit, float(value)))  # type: ignore[arg-type]
+                assert not isinstance(value, tuple)
+                found.append(EffortLimit(name, unit, float(value)))
         return found
 
 
@@ -421,41 +467,81 @@ def _clearance(
         text = f"{UNCHECKED}: state the section collisions, with obstacles and shapes"
         findings.append(warning("collisions", setup.source, text))
         return None
-    shapes, excluded = (
-        list(entry_shapes(mechanism, section.shapes, folder)),
-        list(section.exclude),
-    )
+
+    def stated(key: str, entries: Sequence[Mapping[str, Any]]) -> tuple[Shape, ...]:
+        def refused(place: int, problem: str) -> InputError:
+            return setup.error(f"excitation.collisions.{key}[{place}]", problem)
+
+        return entry_shapes(mechanism, entries, folder, refused)
+
+    shapes, excluded = list(stated("shapes", section.shapes)), list(section.exclude)
     if file is not None and not file.is_description:
         # shapes that the set-up states stand in for those of the file that cannot be read
-        geometry = read_geometry(mechanism, file, tolerant=bool(shapes))
+        geometry = read_geometry(mechanism, file, tolerant=True)
+        if geometry.notes and not shapes and section.unreadable == "refuse":
+            raise InputError(_unreadable(geometry.notes), element="collisions")
         shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
+        if geometry.notes and section.unreadable == "boxes":
+            shapes += inertia_boxes(mechanism, {shape.body for shape in shapes})
+            text = "boxes of the inertias stand for links that cannot be read: distances are theirs, not the links'"
+            findings.append(warning("collisions", setup.source, text))
         findings += [note("collisions", setup.source, text) for text in geometry.notes]
-    around = entry_shapes(
-        mechanism,
-        [{"body": "world", **obstacle} for obstacle in section.obstacles],
-        folder,
+    around = stated(
+        "obstacles", [{"body": "world", **obstacle} for obstacle in section.obstacles]
     )
     shapes += [replace(shape, obstacle=True) for shape in around]
     if not section.self:
         excluded += combinations([body.name for body in mechanism.bodies], 2)
-    names = mechanism.independent_velocities
-    start = [
-        entry.centre.get(name, middle)
-        for name, middle in zip(names, limits.middle, strict=True)
-    ]
-    if motion := loop_motion(mechanism):
-        start = motion.positioned(np.array([start])).q[0].tolist()
-    pure = replace(mechanism)  # how the file was read is of no use to another process
-    found = clearance_of(
-        pure,
-        shapes,
-        section.clearance,
-        excluded,
-        reference=start,
-        ignore_touching=section.ignore_touching,
+    pure = replace(mechanism)  # without how the file was read
+    clearance = clearance_of(pure, shapes, section.clearance, excluded)
+    motion = loop_motion(mechanism)
+    lowered: list[str] = []
+    unchecked: list[str] = []
+    if section.ignore_touching:
+        names = mechanism.independent_velocities
+        start = np.array(
+            [
+                entry.centre.get(name, middle)
+                for name, middle in zip(names, limits.middle, strict=True)
+            ]
+        )
+        found = without_touching(
+            clearance, motion.positioned(start[None]).q[0] if motion else start
+        )
+        clearance, unchecked = found.clearance, [*found.unchecked]
+    if len(clearance.pairs):
+        found = allowances_of(clearance, _random_poses(limits, motion, entry.seed))
+        clearance, lowered, unchecked = (
+            found.clearance,
+            [*found.lowered],
+            [*unchecked, *found.unchecked],
+        )
+    findings += [note("collisions", setup.source, text) for text in lowered]
+    findings += [warning("collisions", setup.source, text) for text in unchecked]
+    return clearance
+
+
+def _unreadable(notes: Sequence[str]) -> str:
+    """A sentence about shapes of a file that cannot be read, with the ways out."""
+    first = notes[0].removeprefix("left out: ").removesuffix(f"; {STAND_IN}")
+    others = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
+    ways = "unreadable: boxes (of the inertias, whose distances are not those of the links), or none (not checked)"
+    return (
+        f"{first}{others}; convert them, state shapes, or write under collisions {ways}"
     )
-    findings += [warning("collisions", setup.source, text) for text in found.notes]
-    return found
+
+
+def _random_poses(
+    limits: ResolvedLimits, motion: LoopMotion | None, seed: int
+) -> Floats:
+    """Poses within the position limits, of all positions where there are loops."""
+    low = np.where(np.isfinite(limits.low), limits.low, limits.middle - pi)
+    high = np.where(np.isfinite(limits.high), limits.high, limits.middle + pi)
+    poses = low + (high - low) * np.random.default_rng(seed).random((POSES, len(low)))
+    if motion is None:
+        return poses
+    closed = motion.positioned(poses)
+    return closed.q[closed.done]
 
 
 def _weights(setup: Setup, entry: ExcitationEntry, base: BaseModel) -> Floats:

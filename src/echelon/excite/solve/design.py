@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
+from itertools import combinations
 from math import isfinite
 
 import numpy as np
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError, locating
+from echelon.excite.problem.allowances import POSES
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import (
     Information,
@@ -21,7 +22,7 @@ from echelon.excite.problem.information import (
     sample_times,
 )
 from echelon.excite.problem.optimisation import Problem
-from echelon.excite.problem.state_limits import StateConstraint
+from echelon.excite.problem.state_limits import Enclosed, StateConstraint
 from echelon.excite.problem.task import ResolvedLimits, Task, names_of
 from echelon.excite.problem.trajectory import (
     Basis,
@@ -31,14 +32,15 @@ from echelon.excite.problem.trajectory import (
     resting_ends,
     uniform_splines,
 )
-from echelon.excite.solve.solver import Solution, constraint_generation
+from echelon.excite.solve.solver import TOLERANCE, Search, SearchResult, Watch
 from echelon.excite.verify import Margin, margins_of, motion_margins
 from echelon.extras import extra
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
 
-_TRIED = 512  # poses
-_REFINED = 24  # the best of them, from which broken limits are minimised
+REFINED = 4  # the best random poses, from which broken limits are minimised, a tenth of a second each
+ONSET_SPEED = 1e-9  # rad/s or m/s, within which dry friction has both signs
+NAMED = 6  # limits that a message names
 _KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
 _NEARBY = (
     0.1  # share of a coordinate's range to either side within which poses are nearby
@@ -91,7 +93,7 @@ def start_pose(
 
 
 def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
-    """How far each function is beyond its limits at rest, 0 if it is not: shape (poses, functions)."""
+    """Excess of each function over its limits at rest, 0 where they are kept: shape (poses, functions)."""
     still = np.zeros_like(poses)
     parts = [np.zeros((len(poses), 0))]
     for constraint in constraints:
@@ -120,7 +122,7 @@ class _PoseSearch:
 
     def feasible(self, pose: Floats) -> Floats:
         """A pose that keeps all limits: of random ones the nearest, or one of the best ones moved."""
-        unit = np.random.default_rng(self.seed).random((_TRIED, len(pose)))
+        unit = np.random.default_rng(self.seed).random((POSES, len(pose)))
         poses = np.where(self.free, self.low + (self.high - self.low) * unit, pose)
         over = broken(poses, self.constraints)
         good = np.flatnonzero(~over.any(axis=1))
@@ -130,11 +132,15 @@ class _PoseSearch:
             )
             return np.asarray(poses[good[int(np.argmin(away))]])
         scale = np.maximum(over.max(axis=0), 1e-300)
-        for k in np.argsort(np.sum(over / scale, axis=1))[:_REFINED]:
+        # where all poses break one limit, more of them say no more
+        most = 1 if (over > 0).all(axis=0).any() else REFINED
+        for k in np.argsort(np.sum(over / scale, axis=1))[:most]:
             found = self._refined(poses[k], scale)
-            if not broken(found[None], self.constraints)[0].any():
+            left = broken(found[None], self.constraints)
+            if not left.any():
                 return found
-        raise InputError(_conflict(over > 0, self.constraints), element="limits")
+            over = np.vstack([over, left])
+        raise InputError(_conflict(over, self.constraints), element="limits")
 
     def _refined(self, pose: Floats, scale: Floats) -> Floats:
         """The pose moved to where less is broken."""
@@ -192,26 +198,46 @@ class _PoseSearch:
         return pose
 
 
-def _conflict(over: Flags, constraints: Sequence[StateConstraint]) -> str:
-    """Which limits no pose keeps, alone or in pairs."""
+def _conflict(over: Floats, constraints: Sequence[StateConstraint]) -> str:
+    """A sentence about limits that no pose keeps, alone or in pairs, with what was reached and what to write."""
     labels = _labels(constraints)
-    start = f"none of {len(over)} poses within the position limits keeps"
-    never = [labels[k] for k in np.flatnonzero(over.all(axis=0))]
+    start = f"none of {POSES} poses within the position limits keeps"
+    never = np.flatnonzero((over > 0).all(axis=0)).tolist()
     if never:
-        return f"{start} the limits of {', '.join(never[:6])}"
-    for i, j in combinations(np.flatnonzero(over.any(axis=0)).tolist(), 2):
-        if np.all(over[:, i] | over[:, j]):
-            return f"{start} the limits of {labels[i]} and of {labels[j]} together"
-    some = [labels[k] for k in np.flatnonzero(over.any(axis=0))]
-    return f"{start} all limits together: {', '.join(some[:8])}"
+        units = [unit for constraint in constraints for unit in constraint.units]
+        named = [
+            f"{labels[k]} (by {over[:, k].min():.3g} {units[k]} at least)"
+            for k in never[:NAMED]
+        ]
+        return f"{start} the limits of {', '.join(named)}; {_advice([labels[k] for k in never])}"
+    some = np.flatnonzero(over.any(axis=0)).tolist()
+    for i, j in combinations(some, 2):
+        if np.all((over[:, i] > 0) | (over[:, j] > 0)):
+            both = [labels[i], labels[j]]
+            return f"{start} the limits of {both[0]} and of {both[1]} together; {_advice(both)}"
+    named = [labels[k] for k in some]
+    return f"{start} all limits together: {', '.join(named[:NAMED])}; {_advice(named)}"
+
+
+def _advice(labels: Sequence[str]) -> str:
+    """Lines of a set-up that would make limits possible."""
+    pairs = [
+        label.removeprefix("distance of ")
+        for label in labels
+        if label.startswith("distance of ")
+    ]
+    if not pairs:
+        return "widen one of them, or the position limits"
+    first = ", ".join(pairs[0].split(" and ", 1))
+    return f"write under collisions exclude: [[{first}]], a smaller clearance, or move the obstacle away"
 
 
 def _labels(constraints: Sequence[StateConstraint]) -> list[str]:
     return [label for constraint in constraints for label in constraint.labels]
 
 
-DURATION = 8.0  # seconds, where none is stated
-_FEWEST, _MOST, _FUNCTIONS = 3, 7, 56
+DURATION = 8.0  # s, where none is stated
+FEWEST, MOST, FUNCTIONS = 3, 7, 56
 """Harmonics where none are stated: so many that all coordinates together have about that many, within these ends."""
 
 
@@ -238,18 +264,20 @@ def designed(task: Task, prior: Floats | None = None) -> Design:
     """Decide what the solver needs; ``prior`` is information of shape (r, r) that there is already."""
     with locating(task.setup.source):
         entry, base, limits = task.entry, task.base, task.limits
-        centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
         prior = np.zeros((base.rank, base.rank)) if prior is None else prior
         if prior.shape != (base.rank, base.rank):
             raise InputError(
                 f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters"
             )
+        centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
+        _check_friction(centre, task.constraints)
         n = base.mechanism.degrees_of_freedom
-        basis = resting_ends(family(entry, n))
         regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
+        criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
+
+        basis = resting_ends(family(entry, n))
         times = sample_times(basis.duration, entry.rate)
         information = Information(regressor, basis, times, task.weights, prior)
-        criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
         problem = Problem(
             basis, n, information, criterion, limits.motion, task.constraints, centre
         )
@@ -259,6 +287,28 @@ def designed(task: Task, prior: Floats | None = None) -> Design:
                 criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)),
             )
         return Design(task, centre, problem)
+
+
+def _check_friction(centre: Floats, constraints: Sequence[StateConstraint]) -> None:
+    """Refuse limits of efforts that dry friction alone exceeds, which every motion has in both directions."""
+    still = np.zeros((1, len(centre)))
+    turning = (still - ONSET_SPEED, still + ONSET_SPEED)
+    ranges = {"q": (centre[None], centre[None]), "qd": turning, "qdd": (still, still)}
+    for constraint in constraints:
+        if not isinstance(constraint, Enclosed):
+            continue
+        low, high = constraint.enclosures(ranges)
+        needed, allowed = (high - low)[0] / 2, (constraint.high - constraint.low) / 2
+        for k in np.flatnonzero(needed > allowed).tolist():
+            unit, label = constraint.units[k], constraint.labels[k]
+            problem = (
+                f"no motion keeps the limit of {label}: dry friction alone needs "
+                f"{needed[k]:.3g} {unit}, and {allowed[k]:.3g} {unit} are allowed"
+            )
+            advice = (
+                "raise it under limits: effort, lower effort_margin, or hold the joint"
+            )
+            raise InputError(f"{problem}; {advice}", element="limits")
 
 
 def _stated_centre(task: Task) -> Floats:
@@ -273,7 +323,7 @@ def _stated_centre(task: Task) -> Floats:
 def _sizes(problem: Problem, seed: int) -> Floats:
     """Units in which every parameter contributes alike to a random motion, so that variances can be added up."""
     seen = problem.information(
-        problem.start(np.random.default_rng(seed)).reshape(problem.shape)
+        problem.random(np.random.default_rng(seed)).reshape(problem.shape)
     )
     sizes = np.sqrt(np.diag(seen.F))
     return np.asarray(1 / np.where(sizes > 0, sizes, 1.0))
@@ -283,7 +333,7 @@ def family(entry: ExcitationEntry, count: int) -> Basis:
     """The family of motions that a set-up asks for, with any ends."""
     duration = DURATION if entry.duration is None else entry.duration
     harmonics = (
-        min(max(_FUNCTIONS // count, _FEWEST), _MOST)
+        min(max(FUNCTIONS // count, FEWEST), MOST)
         if entry.harmonics is None
         else entry.harmonics
     )
@@ -296,39 +346,134 @@ def family(entry: ExcitationEntry, count: int) -> Basis:
     ]
 
 
-_ROUNDS = 5
-_MORE = 1.5  # times what a limit was broken by, by which it is tightened
-_LITTLE = 1e-4  # of a motion that is given up to be on the safe side
-_LITTLE_LESS = (0.998, 0.99)  # shares of a motion that are as good as the whole
-_MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
-_BACK = (
-    0.98  # share of a motion that keeps tighter limits, from which the next one starts
+# -- the search --------------------------------------------------------------------------------------------------------
+
+RANDOM = 24  # random motions: the best ones start the search, and all show what no search would reach
+ROOM_TO_START = 1e-3  # share of a limit's size that is left at a start, so that a step has somewhere to go
+BACK = 0.98  # share of a motion at its limits, from which the next search starts: from a limit no step is long
+TRIAL_STEPS = 20  # steps of every start, after which the best one goes on: most of what can be gained is gained then
+SEARCH_SHARE = (
+    0.75  # share of the work for the search, the rest is for making its motion safe
 )
-_ITERATIONS = 100  # of a solver that starts next to its goal
 
 
-def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Margin]]:
+@dataclass(frozen=True)
+class Chance:
+    """The best that random motions within the limits reach, each figure by itself."""
+
+    count: int
+    scaled_condition: float
+    worst_std: float  # the largest standard deviation of a base parameter, SI units
+
+
+@dataclass(frozen=True)
+class Searched:
+    """Motions that keep their limits at samples, and how they were found."""
+
+    starts: tuple[SearchResult, ...]
+    motions: tuple[Floats, ...]  # random ones
+
+    @property
+    def best_first(self) -> list[SearchResult]:
+        """The solutions by their criterion."""
+        return sorted(self.starts, key=lambda solution: solution.value)
+
+
+def searched(design: Design, watch: Watch) -> Searched:
+    """Search from the best of random motions for a few steps each, then from the best of these to the end."""
+    entry, problem = design.task.entry, design.problem
+    watch.tell(f"{RANDOM} random motions")
+    rng = np.random.default_rng(entry.seed)
+    motions = [
+        problem.inside(problem.random(rng), ROOM_TO_START)
+        for _ in range(max(RANDOM, entry.starts))
+    ]
+    best = sorted(motions, key=problem.value)[: entry.starts]
+    watch.seconds -= len(motions) * problem.seconds_per_step
+    reserve = watch.seconds * (1 - SEARCH_SHARE)
+    watch.seconds -= reserve
+    searches = []
+    for k, motion in enumerate(best, 1):
+        search = Search.from_start(problem, motion)
+        if search is not None:
+            searches.append(
+                search.run(
+                    min(TRIAL_STEPS, entry.iterations),
+                    watch,
+                    f"start {k} of {len(best)}",
+                )
+            )
+    solutions = [search.solution for search in searches]
+    if searches:
+        best_one = min(range(len(searches)), key=lambda k: solutions[k].value)
+        solutions[best_one] = _finished(
+            problem, searches[best_one], entry.iterations, watch
+        )
+    watch.seconds += reserve
+    return Searched(tuple(solutions), tuple(motions))
+
+
+def _finished(
+    problem: Problem, search: Search, most: int, watch: Watch
+) -> SearchResult:
+    """The search to its end, and again from a little off its limits as long as that finds something better."""
+    # where many limits are near, steps are short; a little off them the way along them is free
+    found = search.run(most, watch, "the best start").solution
+    while found.status in ("converged", "stalled"):
+        again = Search.from_start(problem, problem.scaled(found.x, BACK))
+        if again is None:
+            break
+        next_one = again.run(
+            most - found.iterations, watch, "the best start again"
+        ).solution
+        better = found.value - next_one.value
+        steps = found.iterations + next_one.iterations
+        if better > 0:
+            more = tuple(value for value in next_one.history if value < found.value)
+            found = replace(next_one, iterations=steps, history=(*found.history, *more))
+        if better < TOLERANCE:
+            break
+    return replace(
+        found, status="converged" if found.status == "stalled" else found.status
+    )
+
+
+# -- a motion that is safe ---------------------------------------------------------------------------------------------
+
+ROUNDS = 5
+MORE = 1.5  # times what a limit was broken by, by which it is tightened
+LITTLE = 1e-4  # of a motion that is given up to be on the safe side
+LITTLE_LESS = (0.998, 0.99)  # shares of a motion that are as good as the whole
+MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
+SAFE_STEPS = 30  # of a solver that starts next to its goal
+
+
+def safe(
+    design: Design, solutions: Sequence[SearchResult], watch: Watch
+) -> tuple[Floats, list[Margin]]:
     """The best solution, changed so that every limit holds at every time, and the margins."""
     # a slightly smaller motion makes up for what is missing between samples.  Where that costs too much, the broken
     # limits are tightened and the search goes on
-    most = min(_ITERATIONS, design.task.entry.iterations)
     worst = ""
-    for solution in sorted(
-        (s for s in solutions if s.x is not None), key=lambda s: s.value
-    ):
+    for solution in solutions:
         problem, x = design.problem, solution.x
-        for _ in range(_ROUNDS):
-            if x is None:
-                break
-            found, margins = _smaller(design, x, _LITTLE_LESS)
+        for _ in range(ROUNDS):
+            watch.tell("checking all limits at every time")
+            found, margins = _smaller(design, x, LITTLE_LESS)
             broken = [margin for margin in margins if not margin.kept]
             if not broken:
                 return found, margins
-            worst = ", ".join(margin.label for margin in broken[:6])
+            worst = ", ".join(margin.label for margin in broken[:NAMED])
             problem = _tightened(problem, margins, design)
-            x = constraint_generation(problem, problem.shrunk(x, _BACK), most, x).x
-        assert solution.x is not None
-        found, margins = _smaller(design, solution.x, _MUCH_LESS)
+            starts = (problem.scaled(x, share) for share in (BACK, *MUCH_LESS))
+            search = next(
+                filter(None, (Search.from_start(problem, start) for start in starts)),
+                None,
+            )
+            if search is None or watch.ended:
+                break
+            x = search.run(SAFE_STEPS, watch, "with tighter limits").best
+        found, margins = _smaller(design, solution.x, MUCH_LESS)
         if all(margin.kept for margin in margins):
             return found, margins
     reason = (
@@ -347,42 +492,37 @@ def _smaller(
     design: Design, x: Floats, shares: Sequence[float]
 ) -> tuple[Floats, list[Margin]]:
     """The largest of some shares of a motion about its centre that keeps all limits, or the whole, and the margins."""
-    rest = design.problem.at_rest.ravel()
-    whole = _within(design.problem, x, design)
+    whole = _within(design, x)
     first = margins_of(design.trajectory(whole), design.task)
     if all(margin.kept for margin in first):
         return whole, first
     for share in shares:
-        found = rest + share * (whole - rest)
+        found = design.problem.scaled(whole, share)
         margins = margins_of(design.trajectory(found), design.task)
         if all(margin.kept for margin in margins):
             return found, margins
     return whole, first
 
 
-def _within(problem: Problem, x: Floats, design: Design) -> Floats:
+def _within(design: Design, x: Floats) -> Floats:
     """The motion made smaller by the little that limits of the motion are exceeded between samples."""
-    rest = problem.at_rest.ravel()
-    still = motion_margins(design.trajectory(rest), design.task.limits.motion)
+    problem, limits = design.problem, design.task.limits.motion
+    still = motion_margins(design.trajectory(problem.at_rest), limits)
     for _ in range(
-        _ROUNDS
+        ROUNDS
     ):  # bounds are wider than what is reached by less than what is added each time
         share = min(
-            map(
-                _share,
-                still,
-                motion_margins(design.trajectory(x), design.task.limits.motion),
-            ),
+            map(_share, still, motion_margins(design.trajectory(x), limits)),
             default=1.0,
         )
         if share >= 1:
             break
-        x = rest + (share - _LITTLE) * (x - rest)
+        x = problem.scaled(x, share - LITTLE)
     return x
 
 
 def _share(still: Margin, moving: Margin) -> float:
-    """How much of a motion about a pose a limit leaves."""
+    """The share of a motion about a pose that a limit leaves."""
     ends = (
         (still.high - still.largest, moving.largest - still.largest),
         (still.least - still.low, still.least - moving.least),
@@ -394,16 +534,14 @@ def _share(still: Margin, moving: Margin) -> float:
 
 
 def _tightened(problem: Problem, margins: Sequence[Margin], design: Design) -> Problem:
-    """The problem with tighter limits where they were broken."""
-    states = iter(margins[len(design.task.limits.motion) :])
-    below, above = [], []
-    for constraint in problem.constraints:
-        own = list(islice(states, len(constraint.labels)))
-        below.append(_MORE * np.array([_broken_by(m.low - m.least) for m in own]))
-        above.append(_MORE * np.array([_broken_by(m.largest - m.high) for m in own]))
-    return problem.tightened(below, above)
+    """The problem with tighter limits of the state where they were broken."""
+    first = len(design.task.limits.motion)
+    below = np.array([_excess(margin.low - margin.least) for margin in margins])
+    above = np.array([_excess(margin.largest - margin.high) for margin in margins])
+    below[:first] = above[:first] = 0.0
+    return problem.tightened(MORE * below, MORE * above)
 
 
-def _broken_by(beyond: float) -> float:
-    """How far a limit is broken; nothing where there is no limit, or where that is not known."""
+def _excess(beyond: float) -> float:
+    """The part of a value beyond its limit; nothing where there is no limit, or where that is not known."""
     return max(beyond, 0.0) if isfinite(beyond) else 0.0

@@ -1,442 +1,282 @@
-"""The solver: IPOPT through CasADi, with exact gradients and constraint generation, from several starts.
+"""The solver: a primal-dual interior point method whose iterates keep all limits, with exact gradients.
 
-Most limits of accelerations, jerks and torques never bind, and every one costs the solver a row at every sample.  So
-the first problem has limits of positions and velocities only; limits that its solution breaks are added, and the search
-goes on from the best motion that keeps everything.
+A motion has some dozen to some hundred coefficients and thousands of limits at samples, most of which never bind.  The
+limits' part of a Newton step is a sum over samples of small matrices (:meth:`Problem.curvature`), so thousands of
+limits cost hardly more than a few, and the linear systems are as small as the motion.  The criterion's curvature is
+learned from its gradients (damped BFGS; J. Nocedal, S. Wright, Numerical Optimization, 2006, chapters 18 and 19).
 
-Each start has a process of its own.  Processes are started as ``python -m`` this module with a pickled problem on their
-input: unlike those of multiprocessing they never import the caller's script a second time.
+Steps end before the first limit, and a start keeps all of them.  So every iterate is a motion that keeps its limits at
+the samples, and the search can end at any of them: out of work, or because somebody asks for it.
 """
 
 from __future__ import annotations
 
-import os
-import pickle
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, field
-from tempfile import TemporaryFile
-from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from echelon.arrays import Floats, one_thread
-from echelon.errors import EchelonError
-from echelon.excite.problem.optimisation import BROKEN, Problem, beyond
-from echelon.extras import extra
+from echelon.excite.problem.optimisation import Problem
 
-if TYPE_CHECKING:  # processes of the solver need no schemas
-    from echelon.formats.schema.schema_excite import ExcitationEntry
-
-
-_OPTIONS = {
-    "ipopt.hessian_approximation": "limited-memory",
-    "ipopt.limited_memory_max_history": 8,
-    "ipopt.mu_strategy": "adaptive",
-    "ipopt.linear_solver": "mumps",
-    # quasi-definite systems need no scaling, which takes as long as their factorisation
-    "ipopt.mumps_permuting_scaling": 0,
-    "ipopt.mumps_scaling": 0,
-    "ipopt.sb": "yes",
-    "ipopt.print_level": 0,
-    "ipopt.honor_original_bounds": "yes",
-    "print_time": False,
-}
-
-
-_CREEPING = 0.25  # share of the tolerance below which relative changes of the criterion count as none
-
-
-_TOLERANCE = 2e-4  # of optimality; ten times as much does where the criterion does not get better by a quarter of it
-
-
-_STATUS = {
-    "Solve_Succeeded": "converged",
-    "Solved_To_Acceptable_Level": "converged",
-    "Maximum_Iterations_Exceeded": "iterations",
-    "Infeasible_Problem_Detected": "infeasible",
-}
+FIRST_BARRIER = 0.1  # weight of the barrier at first, over the root of the number of limits at all samples
+BARRIER_FALL = 0.15  # share of the mean complementarity that the next barrier has: a fall by a factor of 7 at most
+LAST_BARRIER = 1e-9
+SHORT_STEP = 0.3  # share of a step, below which the barrier does not fall yet: limits are in the way
+TO_THE_LIMIT = 0.9  # share of the way to the first limit that a step goes at most
+LEFT_OF_ROOM = 0.1  # share of a limit's room that a step leaves at least
+DUAL_SPREAD = (
+    5.0  # factor by which a multiplier may differ from the barrier's own, weight / room
+)
+HALVINGS = 12  # of a step, after which it is no longer one
+DESCENT = 1e-4  # share of the promised decrease that a step has to keep (Armijo)
+DAMPING = 0.2  # share of the old curvature along a step that the new one keeps (Powell)
+TOLERANCE = 5e-3  # decrease of the criterion, a logarithm, that counts as none: deviations then differ by 0.25 %
+PATIENCE = 15  # steps within which the criterion has to fall by the tolerance
+RESETS = 3  # of the learned curvature, one after the other, after which a search is at its end
+TOLD = 5  # steps between two reports of progress
 
 
 @dataclass
-class Best:
-    """The best motion so far."""
+class Watch:
+    """Work that is left to a search, whether it is to stop, and who is told how far it is."""
 
-    problem: Problem  # whose limits it keeps, all of them, whatever the solver knows of
-    x: Floats | None = None
-    value: float = np.inf
-    history: list[float] = field(
-        default_factory=list
-    )  # values, each time a better one was found
-
-    def offer(self, x: Floats, value: float) -> None:
-        """Take a motion if it is better and keeps all limits at the samples."""
-        if value < self.value and self.problem.violation(x) <= BROKEN:
-            self.x, self.value = x.copy(), value
-            self.history.append(value)
-
-
-class _LastEvaluation:
-    """The last evaluation, because a solver asks for derivatives where it asked for a value, but not everywhere."""
-
-    def __init__(self, function: Callable[[Floats], Any]) -> None:
-        self._function, self._x, self._found = function, np.zeros(0), None
-
-    def __call__(self, x: Floats) -> Any:
-        if not np.array_equal(x, self._x):
-            self._found, self._x = self._function(x), x.copy()
-        return self._found
-
-
-def solve(
-    problem: Problem, start: Floats, iterations: int, best: Best
-) -> tuple[Floats, str, int]:
-    """Minimise from one starting point: the last iterate, which keeps the limits of the problem if it converged.
-
-    Beside it stand ``"converged"``, ``"iterations"``, ``"infeasible"`` or the solver's own word, and the iterations.
-    """
-    casadi = _casadi()
-    evaluate = _LastEvaluation(problem.value_and_gradient)
-    A, low, high = problem.linear
-    least, most = problem.bounds
-    x = casadi.MX.sym("x", problem.size)
-    objective = _callback(casadi, "criterion", problem.size, 1, evaluate)
-    columns = A.tocsc()
-    pattern = casadi.Sparsity(
-        *columns.shape, columns.indptr.tolist(), columns.indices.tolist()
+    seconds: (
+        float  # of work, counted by :attr:`Problem.seconds_per_step` and not by a clock
     )
-    parts = [casadi.mtimes(casadi.DM(pattern, columns.data), x)]
-    if least.size:
-        both = _LastEvaluation(
-            lambda v: (problem.constrained(v), lambda: problem.slopes(v))
-        )
-        constraints = _callback(casadi, "constraints", problem.size, least.size, both)
-        parts.append(constraints(x))
-    ends = np.concatenate([low, least]), np.concatenate([high, most])
-    watch = _watch(casadi, problem.size, ends, best)
-    settings = _OPTIONS | {
-        "ipopt.tol": _TOLERANCE,
-        "ipopt.acceptable_tol": 10 * _TOLERANCE,
-        "ipopt.acceptable_obj_change_tol": _CREEPING * _TOLERANCE,
-        "ipopt.acceptable_iter": 5,
-        "ipopt.constr_viol_tol": BROKEN / 10,
-        "ipopt.acceptable_constr_viol_tol": BROKEN / 10,
-        "ipopt.max_iter": iterations,
-        "iteration_callback": watch,
-    }
-    limited = casadi.densify(casadi.vertcat(*parts))  # some may be constantly zero
-    solver = casadi.nlpsol(
-        "excite", "ipopt", {"x": x, "f": objective(x), "g": limited}, settings
-    )
-    result = solver(x0=start, lbg=ends[0], ubg=ends[1])
-    found = np.asarray(result["x"]).ravel()
-    best.offer(found, evaluate(found)[0])
-    stats = solver.stats()
-    status = _STATUS.get(
-        stats["return_status"], stats["return_status"].replace("_", " ").lower()
-    )
-    return found, status, int(stats["iter_count"])
+    stopped: Callable[[], bool] = bool
+    tell: Callable[[str], object] = str
 
+    @property
+    def ended(self) -> str:
+        """The reason to end, ``"stopped"`` or ``"budget"``; empty if there is none."""
+        if self.stopped():
+            return "stopped"
+        return "" if self.seconds > 0 else "budget"
 
-def _casadi() -> Any:
-    with extra("excite"):
-        import casadi
-    return casadi
-
-
-def _callback(
-    casadi: Any, name: str, unknowns: int, size: int, evaluate: Callable[[Floats], Any]
-) -> Any:
-    """A function of ours with its Jacobian, for CasADi."""
-
-    class Jacobian(casadi.Callback):  # type: ignore[misc]
-        def __init__(self, name: str, options: Any) -> None:
-            casadi.Callback.__init__(self)
-            self.construct(name, options)
-
-        def get_n_in(self) -> int:
-            return 2
-
-        def get_sparsity_in(self, i: int) -> Any:
-            return casadi.Sparsity.dense(unknowns if i == 0 else size, 1)
-
-        def get_sparsity_out(self, _: int) -> Any:
-            return casadi.Sparsity.dense(size, unknowns)
-
-        def eval(self, given: Any) -> Any:
-            return [
-                np.reshape(
-                    evaluate(np.asarray(given[0]).ravel())[1](), (size, unknowns)
-                )
-            ]
-
-    class Value(casadi.Callback):  # type: ignore[misc]
-        def __init__(self) -> None:
-            casadi.Callback.__init__(self)
-            self.construct(name, {})
-
-        def get_sparsity_in(self, _: int) -> Any:
-            return casadi.Sparsity.dense(unknowns, 1)
-
-        def get_sparsity_out(self, _: int) -> Any:
-            return casadi.Sparsity.dense(size, 1)
-
-        def eval(self, given: Any) -> Any:
-            return [evaluate(np.asarray(given[0]).ravel())[0]]
-
-        def has_jacobian(self) -> bool:
-            return True
-
-        def get_jacobian(self, name: str, _in: Any, _out: Any, options: Any) -> Any:
-            self._jacobian = Jacobian(name, options)
-            return self._jacobian
-
-    return Value()
-
-
-def _watch(casadi: Any, unknowns: int, ends: tuple[Floats, Floats], best: Best) -> Any:
-    """A callback that follows the iterations and remembers the best."""
-    rows = len(ends[0])
-    sizes = {
-        "x": unknowns,
-        "f": 1,
-        "g": rows,
-        "lam_x": unknowns,
-        "lam_g": rows,
-        "lam_p": 0,
-    }
-
-    class Watch(casadi.Callback):  # type: ignore[misc]
-        def __init__(self) -> None:
-            casadi.Callback.__init__(self)
-            self.construct("watch", {})
-
-        def get_n_in(self) -> int:
-            return int(casadi.nlpsol_n_out())
-
-        def get_n_out(self) -> int:
-            return 1
-
-        def get_name_in(self, i: int) -> str:
-            return str(casadi.nlpsol_out(i))
-
-        def get_sparsity_in(self, i: int) -> Any:
-            return casadi.Sparsity.dense(sizes[casadi.nlpsol_out(i)], 1)
-
-        def eval(self, given: Any) -> Any:
-            # a motion that breaks limits the solver knows of need not be asked about all others
-            if (
-                beyond(np.asarray(given[2]).ravel(), *ends).max(initial=-np.inf)
-                <= BROKEN
-            ):
-                best.offer(np.asarray(given[0]).ravel(), float(given[1]))
-            return [0]  # go on
-
-    return Watch()
-
-
-_ROUNDS = 8
-_SHARES = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
-"""Shares of a motion that breaks limits, of which the largest that keeps them is worth more than none."""
+    def share(self, part: float) -> Watch:
+        """A watch with a part of the work that is left."""
+        return Watch(self.seconds * part, self.stopped, self.tell)
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """The result of one start."""
+class SearchResult:
+    """The result of one search."""
 
-    x: (
-        Floats | None
-    )  # the best coefficients that kept all limits at the samples; None if none did
+    x: Floats  # the best coefficients, which keep all limits at the samples
     value: float  # their criterion
-    status: str  # see :func:`solve`
+    status: str  # ``"converged"``, ``"stalled"``, ``"iterations"``, ``"budget"`` or ``"stopped"``
     iterations: int
     history: tuple[
         float, ...
     ]  # the criterion of the best motion so far, each time it became better: descending
 
 
-def constraint_generation(
-    problem: Problem, start: Floats, most: int, near: Floats | None = None
-) -> Solution:
-    """Minimise from one starting point; limits that a motion ``near`` the goal comes near to are enforced at once."""
-    # linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
-    # and the order of additions is the same wherever it runs
-    with one_thread():
-        best = Best(problem)
-        start = problem.inside(
-            start
-        )  # the centre keeps all limits, so that there is something to fall back on
-        best.offer(start, problem.value(start))
-        if near is not None:
-            _offer_smaller(problem, near, best)
-        part, iterations, status = (
-            problem.relaxed() if near is None else problem.enforcing(near),
-            0,
-            "",
+@dataclass(frozen=True, eq=False)
+class _Iterate:
+    """A motion with everything that a step needs."""
+
+    problem: Problem
+    x: Floats
+    value: float
+    gradient: Floats  # shape (size,)
+    slopes: Floats  # shape (T, M, 4, n); see :meth:`Problem.slopes`
+    slacks: Floats  # shape (2, T, M); see :meth:`Problem.slacks`
+
+    @classmethod
+    def at(cls, problem: Problem, x: Floats, slacks: Floats) -> _Iterate:
+        """The iterate at coefficients whose slacks are known."""
+        value, gradient = problem.value_and_gradient(x)
+        return cls(problem, x, value, gradient(), problem.slopes(x), slacks)
+
+    def pushed(self, weights: Floats) -> Floats:
+        """Derivatives of −Σ weights · slacks by the coefficients, weights of shape (2, T, M)."""
+        return self.problem.gathered(
+            self.slopes, (weights[1] - weights[0]) / self.problem.sizes
         )
-        for _ in range(_ROUNDS):
-            x, status, steps = solve(part, start, max(most - iterations, 1), best)
-            iterations += steps
-            _offer_smaller(problem, x, best)
-            more = problem.extended(part, x)
-            if more is None or iterations >= most:
-                break
-            part = more
-            start = problem.shrunk(x, 0.9) if best.x is None else best.x
-    return Solution(best.x, best.value, status, iterations, tuple(best.history))
+
+    def barrier(self, weight: float) -> float:
+        """The criterion with −weight · log of all slacks."""
+        return _barrier(self.value, self.slacks, weight)
 
 
-def _offer_smaller(problem: Problem, x: Floats, best: Best) -> None:
-    """Offer a smaller motion about the centre, if the motion breaks limits: little may be missing."""
-    if problem.violation(x) <= BROKEN:
-        return
-    for share in _SHARES:
-        found = problem.shrunk(x, share)
-        if problem.violation(found) <= BROKEN:
-            best.offer(found, problem.value(found))
-            return
+def _barrier(value: float, slacks: Floats, weight: float) -> float:
+    return value - weight * float(np.log(slacks[np.isfinite(slacks)]).sum())
 
 
-# -- several starts, each in a process of its own ----------------------------------------------------------------------
+@dataclass
+class Search:
+    """A search for the least criterion: where it is, its multipliers, and the curvature learned so far."""
 
+    now: _Iterate
+    weight: float  # of the barrier
+    duals: Floats  # shape (2, T, M)
+    curvature: Floats  # shape (size, size)
+    resets: int = 0
+    best: Floats = field(default_factory=lambda: np.zeros(0))
+    status: str = ""  # see :attr:`SearchResult.status`; empty while it goes on
+    history: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)  # of all steps
 
-def solutions(
-    problem: Problem,
-    entry: ExcitationEntry,
-    jobs: int,
-    step: Callable[[str], None] = lambda _: None,
-) -> list[Solution]:
-    """Solutions from random starts: the same for the same seed, whatever the number of processes."""
-    count, seed, iterations = entry.starts, entry.seed, entry.iterations
-
-    def tell(k: int, solution: Solution) -> Solution:
-        step(
-            f"start {k + 1} of {count}: {solution.status}, criterion {solution.value:.5g}"
+    @classmethod
+    def from_start(cls, problem: Problem, start: Floats) -> Search | None:
+        """The search from a motion that keeps all limits at the samples; None if it does not."""
+        slacks = problem.slacks(problem.values(start))
+        if not np.all(slacks > 0):
+            return None
+        now = _Iterate.at(problem, start, slacks)
+        weight = FIRST_BARRIER / np.sqrt(max(slacks[0].size, 1))
+        steepness = max(
+            float(np.linalg.norm(now.gradient)) / np.sqrt(problem.size), 1e-3
         )
-        return solution
+        search = cls(now, weight, weight / slacks, steepness * np.eye(problem.size))
+        search._remember()
+        return search
 
-    if count == 1:
-        return [tell(0, started(problem, seed, iterations, 0))]
-    document, processes = pickle.dumps((problem, seed, iterations)), _Processes()
-
-    def run(k: int) -> Solution:
-        return tell(k, processes.solution(document, k))
-
-    with ThreadPoolExecutor(max(min(jobs, count), 1)) as pool:
-        try:
-            return list(pool.map(run, range(count)))
-        except BaseException:
-            processes.end()
-            raise
-
-
-def started(problem: Problem, seed: int, iterations: int, k: int) -> Solution:
-    """One start."""
-    return constraint_generation(
-        problem, problem.start(np.random.default_rng([seed, k])), iterations
-    )
-
-
-class _Processes:
-    """Processes that solve, which can be ended together."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._running: set[subprocess.Popen[bytes]] = set()
-        self._ended = False
-
-    def solution(self, document: bytes, k: int) -> Solution:
-        """Solution from start ``k``."""
-        # the packages that this process found, wherever it found them
-        environment = {
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-        }
-        command = [sys.executable, "-m", "echelon.excite.solve.solver", str(k)]
-        with TemporaryFile() as errors:
-            with self._lock:
-                if self._ended:
-                    raise EchelonError("the starts of the solver were ended")
-                process = subprocess.Popen(
-                    command,
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=errors,
-                    env=environment,
-                )
-                self._running.add(process)
-            answer = b""
-            with (
-                suppress(BrokenPipeError),
-                process,
-            ):  # it ended early, which its exit code says
-                answer = _answer(process, document)
-            with self._lock:
-                self._running.discard(process)
-            errors.seek(0)
-            if process.returncode:
-                said = errors.read().decode(errors="replace").strip()[-500:]
-                raise EchelonError(f"a start of the solver ended early: {said}")
-        found = pickle.loads(answer)
-        if isinstance(found, EchelonError):
-            raise found
-        assert isinstance(found, Solution)
-        return found
-
-    def end(self) -> None:
-        """End all, and start no others."""
-        with self._lock:
-            self._ended = True
-            for process in self._running:
-                process.kill()
-
-
-def _answer(process: subprocess.Popen[bytes], document: bytes) -> bytes:
-    """Output of a process; its input stays open until it has ended."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.stdin.write(document)
-    process.stdin.flush()
-    answer = process.stdout.read()
-    process.wait()
-    return answer
-
-
-def _work() -> None:
-    """Solve what comes in, and write the solution, or what was wrong with it."""
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # what a terminal sends to all is for the first process to answer
-    problem, seed, iterations = pickle.load(sys.stdin.buffer)
-    Thread(target=_end_with_parent, daemon=True).start()
-    # libraries that print, in Python or not, must not spoil the answer
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    try:
-        found: Solution | EchelonError = started(
-            problem, seed, iterations, int(sys.argv[1])
+    @property
+    def solution(self) -> SearchResult:
+        """The best motion so far."""
+        return SearchResult(
+            self.best,
+            self.history[-1],
+            self.status,
+            len(self.values) - 1,
+            tuple(self.history),
         )
-    except EchelonError as error:
-        found = error
-    out.write(pickle.dumps(found))
-    out.flush()
 
+    def run(self, most: int, watch: Watch, name: str) -> Search:
+        """Go on until a number of steps is reached, or something else ends the search."""
+        # matrices are small: threads that wait for each other cost more than they bring, and the order of additions is
+        # the same wherever it runs
+        with one_thread():
+            self.status = watch.ended or (
+                "" if len(self.values) <= most else "iterations"
+            )
+            while not self.status:
+                watch.seconds -= self.now.problem.seconds_per_step
+                moved = self.advance()
+                steps = len(self.values) - 1
+                if self.converged:
+                    self.status = "converged"
+                elif not moved:
+                    self.status = "stalled"
+                else:
+                    self.status = watch.ended or ("iterations" if steps >= most else "")
+                if steps % TOLD == 0 or self.status:
+                    room = float(self.now.slacks.min(initial=np.inf))
+                    watch.tell(
+                        f"{name}: step {steps}, criterion {self.history[-1]:.4g}, smallest room {room:.2%}"
+                    )
+        return self
 
-def _end_with_parent() -> None:
-    """Wait for the end of the input, which comes when the process that started this one ends, however it does."""
-    while os.read(
-        0, 1
-    ):  # not through sys.stdin, which would be locked when the interpreter ends
-        pass
-    os._exit(1)
+    @property
+    def converged(self) -> bool:
+        """Whether the criterion falls no more."""
+        return (
+            len(self.values) > PATIENCE
+            and self.values[-1 - PATIENCE] - self.values[-1] < TOLERANCE
+        )
 
+    def advance(self) -> bool:
+        """Take a step; False if there is none."""
+        step, changes = self._direction()
+        reached = self._searched(step, changes)
+        if reached is None:
+            return self._reset()
+        share, slacks = reached
+        last, problem = self.now, self.now.problem
+        self.now = _Iterate.at(problem, last.x + share * step, slacks)
+        self._update_duals(last, changes)
+        self._learn(last)
+        self._remember()
+        self.resets = 0
+        if share > SHORT_STEP:
+            finite = np.isfinite(slacks)
+            mean = (
+                float((self.duals[finite] * slacks[finite]).mean())
+                if finite.any()
+                else 0.0
+            )
+            self.weight = max(min(self.weight, BARRIER_FALL * mean), LAST_BARRIER)
+        return True
 
-if __name__ == "__main__":
-    from echelon.excite.solve import solver
+    def _direction(self) -> tuple[Floats, Floats]:
+        """The Newton step of the barrier problem, and by how much it changes the slacks, shape (2, T, M)."""
+        now, problem = self.now, self.now.problem
+        weights = (self.duals / now.slacks).sum(axis=0) / problem.sizes**2
+        curvature = self.curvature + problem.curvature(now.slopes, weights)
+        slope = self._slope()
+        step = np.asarray(-np.linalg.solve(curvature, slope), dtype=np.float64)
+        change = problem.along(now.slopes, step) / problem.sizes
+        return step, np.stack([change, -change])
 
-    solver._work()  # under its own name, by which the process that asked knows the classes of the answer
+    def _slope(self) -> Floats:
+        return self.now.gradient + self.now.pushed(self.weight / self.now.slacks)
+
+    def _searched(self, step: Floats, changes: Floats) -> tuple[float, Floats] | None:
+        """The share of a step that keeps all limits and lowers the barrier function, and the slacks there."""
+        now, problem = self.now, self.now.problem
+        falling = changes < 0
+        share = min(
+            1.0,
+            TO_THE_LIMIT
+            * float((now.slacks[falling] / -changes[falling]).min(initial=np.inf)),
+        )
+        before, promised = now.barrier(self.weight), float(self._slope() @ step)
+        for _ in range(HALVINGS):
+            x = now.x + share * step
+            slacks = problem.slacks(problem.values(x))
+            if np.all(slacks >= LEFT_OF_ROOM * now.slacks):
+                after = _barrier(problem.value(x), slacks, self.weight)
+                if after <= before + DESCENT * share * promised:
+                    return share, slacks
+            share /= 2
+        return None
+
+    def _reset(self) -> bool:
+        """Forget the curvature, and lower the barrier; False if that was done before."""
+        self.resets += 1
+        size = len(self.curvature)
+        self.curvature = np.trace(self.curvature) / size * np.eye(size)
+        self.weight = max(BARRIER_FALL * self.weight, LAST_BARRIER)
+        self.duals = self.weight / self.now.slacks
+        return self.resets < RESETS
+
+    def _update_duals(self, last: _Iterate, changes: Floats) -> None:
+        wanted = (self.weight - self.duals * changes) / last.slacks
+        falls = self.duals - wanted
+        falling = falls > 0
+        share = min(
+            1.0,
+            TO_THE_LIMIT
+            * float((self.duals[falling] / falls[falling]).min(initial=np.inf)),
+        )
+        own = self.weight / self.now.slacks
+        self.duals = np.clip(
+            self.duals - share * falls, own / DUAL_SPREAD, own * DUAL_SPREAD
+        )
+
+    def _learn(self, last: _Iterate) -> None:
+        """Update the curvature of the Lagrangian by the change of its gradient (damped BFGS)."""
+        moved = self.now.x - last.x
+        turned = (
+            self.now.gradient
+            - last.gradient
+            + self.now.pushed(self.duals)
+            - last.pushed(self.duals)
+        )
+        if len(self.values) == 1 and turned @ moved > 0:
+            self.curvature = (turned @ turned) / (turned @ moved) * np.eye(len(moved))
+        old = self.curvature @ moved
+        along, bend = float(moved @ old), float(turned @ moved)
+        if bend < DAMPING * along:
+            mixed = (1 - DAMPING) * along / (along - bend)
+            turned = mixed * turned + (1 - mixed) * old
+        rise = np.outer(turned, turned) / float(turned @ moved)
+        self.curvature = self.curvature - np.outer(old, old) / along + rise
+
+    def _remember(self) -> None:
+        self.values.append(self.now.value)
+        if not self.history or self.now.value < self.history[-1]:
+            self.best = self.now.x
+            self.history.append(self.now.value)

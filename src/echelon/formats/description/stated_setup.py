@@ -478,11 +478,15 @@ def add_to_file(
 ) -> Built:
     """A robot file with what a description adds to it."""
     assert robot.robot is not None
-    for key in ("gravity", "floating_base", "couplings"):
+    for key in ("floating_base", "couplings"):
         if key in robot.model_fields_set:
             raise document.error(
                 key, "belongs to the geometry, which is that of the robot file"
             )
+    if (
+        "gravity" in robot.model_fields_set and options.gravity == "file"
+    ):  # how the robot is mounted
+        options = replace(options, gravity=robot.gravity)
     joints = []
     for name, entry in robot.robot.joints.items():
         axes = tuple(

@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from echelon.choices import Family, Optimality
+from echelon.choices import Family, Optimality, Unreadable
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     SCALAR,
@@ -174,6 +174,11 @@ class LimitsEntry(Model):
         {}, f"Largest acceleration, rad/s² or m/s²: {_WHOSE}", 10, {"j1": "none"}
     )
     jerk: Limits = optional({}, f"Largest jerk, rad/s³ or m/s³: {_WHOSE}", 500)
+    beyond_file: Flag = optional(
+        False,
+        "Let positions stated here go beyond those of the robot file, or beyond two turns.",
+        True,
+    )
     effort: Limits = optional(
         {}, f"Largest torque or force, N·m or N: {_WHOSE}", {"j1": 87}
     )
@@ -259,6 +264,12 @@ class CollisionsEntry(Model):
     exclude: Annotated[tuple[Pair, ...], AS_LIST] = optional(
         (), "Pairs of bodies or obstacles that may touch.", [["link1", "link3"]]
     )
+    unreadable: Unreadable = optional(
+        "refuse",
+        "Shapes of the robot file that cannot be read: refuse them, let boxes of the inertias stand for links "
+        "without shapes, or none, which leaves them out.",
+        "boxes",
+    )
     ignore_touching: Flag = optional(
         False, "Leave out pairs of bodies that touch already where motions start.", True
     )
@@ -288,9 +299,9 @@ class ExcitationEntry(Model):
     )
     segments: Count = optional(8, "Segments of B-splines.", 12)
     criterion: Optimality = optional(
-        "d_optimal",
-        "What is optimised: the volume of the confidence ellipsoid, the sum of the variances, or the condition number.",
         "condition",
+        "What is optimised: the condition number, the volume of the confidence ellipsoid, or the sum of the variances.",
+        "d_optimal",
     )
     noise: Deviations = optional(
         {EVERY: 1.0},
@@ -339,6 +350,11 @@ class ExcitationEntry(Model):
     )
     seed: Annotated[Whole, Field(ge=0)] = optional(2015, "Of the random starts.", 1)
     iterations: Count = optional(500, "Steps of the solver in each start, at most.", 50)
+    budget: Positive = optional(
+        40.0,
+        "Work of the search, in seconds of a usual processor; counted, not timed, so that equal runs end alike.",
+        120,
+    )
 
     @model_validator(mode="after")
     def _check_roles(self) -> Self:

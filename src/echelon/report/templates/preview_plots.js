@@ -63,12 +63,17 @@
       xaxis: axis("time / s", { range: [0, motion.duration * 1.01] }), yaxis: axis("condition number", { type: "log", dtick: 1 }), hovermode: "closest",
     })];
   }
+  function distancePlot() {
+    const { time, distance, nearest } = data.distance;
+    const shown = line("smallest distance", page.floats(time), page.floats(distance), preview.colours().accent, { text: nearest, hovertemplate: "%{y:.4f} m<br>%{text}" });
+    return [[shown], layout(260, { xaxis: axis("time / s", { range: [0, motion.duration] }), yaxis: axis("distance / m", { rangemode: "tozero" }), hovermode: "closest" })];
+  }
   function startsPlot() {
     const lines = data.starts.filter((start) => start.history.length).map((start, k) =>
       line("start " + start.number, start.history.map((_, i) => i + 1), start.history, preview.colour(k), { line: { color: preview.colour(k), width: 1.6, shape: "hv" }, hovertemplate: "%{y:.5g}" }));
     return [lines, layout(280, { xaxis: axis("number of the improvement"), yaxis: axis("best criterion so far"), showlegend: lines.length > 1 })];
   }
-  const kinds = { motion: motionPlot, conditioning: conditioningPlot, starts: startsPlot };
+  const kinds = { motion: motionPlot, conditioning: conditioningPlot, distance: distancePlot, starts: startsPlot };
   function draw(node) {
     const kind = node.dataset.plot;
     if (kind === "conditioning" && !data.conditioning.time.length) {

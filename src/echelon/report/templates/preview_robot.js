@@ -113,6 +113,14 @@
     pen.fillStyle = c.soft; pen.font = "12px system-ui, sans-serif";
     pen.fillText("grid " + Number(step.toPrecision(2)) + " m", 12, tall - 12);
   }
+  function obstacles(c) {
+    pen.font = "11px system-ui, sans-serif";
+    robot.obstacles.forEach((one) => {
+      one.curves.forEach((some) => curve(some, c.limit, 1));
+      const at = look.place(one.curves[0][0]);
+      pen.fillStyle = c.limit; pen.fillText(one.name, at.x + 4, at.y - 4);
+    });
+  }
   function baseAxes(c) {
     [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach((axis, k) => {
       const end = look.place(times(axis, 0.22 * reach));
@@ -192,7 +200,7 @@
     aim();
     const c = preview.colours(), now = picture(preview.time);
     pen.fillStyle = c.paper; pen.fillRect(0, 0, wide, tall);
-    grid(c); shadow(c, now); baseAxes(c);
+    grid(c); obstacles(c); shadow(c, now); baseAxes(c);
     if (byId("show-ghosts").checked) ghosts(c);
     if (byId("show-path").checked) paths.forEach((path) => curve(path, c.path, 1.3));
     body3d(c, now);
