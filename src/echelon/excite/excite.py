@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.doors import public
-from echelon.errors import InputError
+from echelon.base import BaseModel
+from echelon.compute import processors
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import condition_number, log_det, sample_times
 from echelon.excite.problem.task import Task, changed, task_of
@@ -21,11 +19,9 @@ from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.solve.design import designed, safe
 from echelon.excite.solve.solver import solutions
 from echelon.excite.verify import Margin, margins_of
-from echelon.logs.finding import Finding, warning
-from echelon.machine.kernel import processors
-from echelon.mechanism.sources import Readable
-from echelon.setup.setup import Setup, setup_of
-from echelon.version import __version__
+from echelon.identification import Finding, Setup, setup_of, warning
+from echelon.robot import Readable
+from echelon.shared import Floats, InputError, __version__, public
 
 _MOMENTS = 40  # at which conditioning is reported
 

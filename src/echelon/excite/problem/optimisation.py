@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Flags, Floats
+from echelon.algebra import Interval
 from echelon.excite.problem.information import Information, OptimalityCriterion
 from echelon.excite.problem.state_limits import MotionLimit, StateConstraint
 from echelon.excite.problem.trajectory import Basis
-from echelon.extras import extra
-from echelon.program.intervals import Interval
+from echelon.shared import Flags, Floats, extra
 
 if TYPE_CHECKING:
     from scipy import sparse

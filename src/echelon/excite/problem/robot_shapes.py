@@ -25,33 +25,28 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.exact.polynomial import Rational
+from echelon.algebra import Rational
 from echelon.excite.problem.shapes import SIZES, WORLD, Kind, Shape, placed, z_along
-from echelon.extras import extra
-from echelon.formats.literal import (
+from echelon.formats import (
+    IRRELEVANT,
+    ExactXml,
     LiteralPlacement,
     LiteralTree,
-    numeric_placement,
-    rotation_matrix,
-)
-from echelon.formats.mjcf.mjcf_model import (
-    IRRELEVANT,
+    RobotFile,
     absent_meshes,
     import_mujoco,
     keep_bodies,
     mesh_name,
+    numeric_placement,
     parse_spec,
+    quaternion_matrix,
     refusal,
     remove_groups,
     remove_unused,
+    rotation_matrix,
 )
-from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
-from echelon.formats.robot_file import RobotFile
-from echelon.formats.urdf.exact_xml import ExactXml
-from echelon.mechanism.joint import GROUND
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot import GROUND, Mechanism
+from echelon.shared import Floats, InputError, extra
 
 STAND_IN = (
     "shapes of the set-up can stand in for it"  # advice for a shape that cannot be read

@@ -12,8 +12,6 @@ from math import isfinite
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats, Integers
-from echelon.errors import InputError, locating
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import (
     Information,
@@ -33,9 +31,16 @@ from echelon.excite.problem.trajectory import (
 )
 from echelon.excite.solve.solver import Solution, constraint_generation
 from echelon.excite.verify import Margin, margins_of, motion_margins
-from echelon.extras import extra
-from echelon.formats.schema.schema_excite import ExcitationEntry
-from echelon.hints import nearest_of
+from echelon.formats import ExcitationEntry
+from echelon.shared import (
+    Flags,
+    Floats,
+    InputError,
+    Integers,
+    extra,
+    locating,
+    nearest_of,
+)
 
 _TRIED = 512  # poses
 _REFINED = 24  # the best of them, from which broken limits are minimised

@@ -25,13 +25,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.arrays import Floats, one_thread
-from echelon.errors import EchelonError
 from echelon.excite.problem.optimisation import BROKEN, Problem, beyond
-from echelon.extras import extra
+from echelon.shared import EchelonError, Floats, extra, one_thread
 
 if TYPE_CHECKING:  # processes of the solver need no schemas
-    from echelon.formats.schema.schema_excite import ExcitationEntry
+    from echelon.formats import ExcitationEntry
 
 
 _OPTIONS = {
