@@ -28,11 +28,11 @@ import numpy as np
 import echelon as ec
 from anchors.build import UnavailableError
 from anchors.figaroh_search import Search, environment, searched, versions
+from echelon.compute.machine.kernel import processors
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
 from echelon.formats.robot_file import open_robot
 from echelon.formats.snapping import ReadingOptions
-from echelon.machine.kernel import processors
 from tabular import table
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -23,9 +23,9 @@ import numpy as np
 import echelon as ec
 from echelon.identification.cluster import connect
 from echelon.identification.identify import identify
+from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.rows.rows import stacked
-from echelon.logs.preparation.prepare import Preparation
-from echelon.setup.setup import Setup, load_setup
+from echelon.identification.setup.setup import Setup, load_setup
 
 ROOT = Path(__file__).parent.parent
 RATE, JOINTS = 1000.0, 7

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 import echelon as ec
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.formats.robot_file import RobotFile
 from echelon.loops.assembly import Assembly
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import virtual_power_form
+from echelon.robot.mechanism import Mechanism
 from numeric import states_of
 from timing import interleaved
 

@@ -12,13 +12,13 @@ import numpy as np
 
 import echelon as ec
 import numeric
+from echelon.algebra.exact.field import DEFAULT_SEED
 from echelon.base.certificate import certify
 from echelon.base.derive import base_matrix
 from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, find_structure
-from echelon.exact.field import DEFAULT_SEED
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear_forms import virtual_power_form
+from echelon.dynamics.linear_forms import virtual_power_form
+from echelon.robot.mechanism import Mechanism
 from robots import Robot, binary_tree, chain, serial_model
 from timing import Times, interleaved
 

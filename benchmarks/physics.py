@@ -14,11 +14,11 @@ import numpy as np
 
 import echelon as ec
 from echelon.base.model import BaseModel
+from echelon.compute.observe.observation import Observation
 from echelon.identification.physics.bounds import roles
 from echelon.identification.physics.feasibility import feasibility, physical_lift
 from echelon.identification.physics.fit import physical_fit
 from echelon.identification.physics.prior_information import reference
-from echelon.observe.observation import Observation
 
 ROBOTS = (
     Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"

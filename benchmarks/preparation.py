@@ -25,10 +25,10 @@ from echelon.identification.band import with_band
 from echelon.identification.delays import with_delays
 from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.least_squares import irls
+from echelon.identification.logs.preparation.choices import Signals, chosen
+from echelon.identification.logs.preparation.prepare import Preparation, prepare
+from echelon.identification.logs.recording import Segment
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.preparation.prepare import Preparation, prepare
-from echelon.logs.recording import Segment
 from tabular import table
 
 OUTPUT = Path(__file__).resolve().parent / "results" / "preparation.md"
@@ -153,7 +153,7 @@ def turned(
     q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A floating base whose three angles about x, y and z are the coordinates 3 to 5: a quaternion and its rates."""
-    from echelon.signals.filters import body_rates
+    from echelon.identification.signals.filters import body_rates
 
     # each factor is (cos a/2, sin a/2 · axis); products and their derivatives by Leibniz's rule
     factors = []
@@ -181,7 +181,7 @@ def turned(
 
 def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of quaternions, shape (N, 4)."""
-    from echelon.signals.filters import multiply
+    from echelon.identification.signals.filters import multiply
 
     return multiply(a, b)
 

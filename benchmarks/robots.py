@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 import echelon as ec
-from echelon.exact.expressions import parse, parse_angle
-from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.mechanism.joint import (
+from echelon.algebra.exact.expressions import parse, parse_angle
+from echelon.algebra.exact.polynomial import Polynomial, float_generators
+from echelon.robot.joint import (
     GROUND,
     Body,
     Joint,
@@ -26,7 +26,7 @@ from echelon.mechanism.joint import (
     shift,
     turn,
 )
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 
 PANDA_FILE = Path(__file__).parents[1] / "examples" / "panda.yaml"
 _PANDA = {

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from echelon.machine import kernel
-from echelon.machine.target import Target, host
+from echelon.compute.machine import kernel
+from echelon.compute.machine.target import Target, host
 from support.small_kernels import LANES, Fences
 
 gc.disable()  # a fifth of the time in which modules are imported and tests are found; all that they make stays

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from echelon.arrays import one_thread
+from echelon.shared.arrays import one_thread
 
 
 def threads() -> set[int]:

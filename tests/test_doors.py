@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.doors import kind_of, public
-from echelon.errors import InputError
+from echelon.shared.doors import kind_of, public
+from echelon.shared.errors import InputError
 from support.paths import EXAMPLES
 
 

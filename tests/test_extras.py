@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import yaml
 
-from echelon.extras import EXTRAS
+from echelon.shared.extras import EXTRAS
 from support.command_line import run_alone
 from support.paths import ROOT
 

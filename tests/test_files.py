@@ -15,9 +15,9 @@ from types import FrameType
 
 import pytest
 
-from echelon import files
-from echelon.errors import InputError
-from echelon.files import target_of, write_all, write_atomically, written_into
+from echelon.shared import files
+from echelon.shared.errors import InputError
+from echelon.shared.files import target_of, write_all, write_atomically, written_into
 
 pytestmark = pytest.mark.skipif(
     os.name != "posix", reason="links, pipes, modes and signals of POSIX"

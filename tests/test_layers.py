@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -27,16 +27,20 @@ def test_import_loads_no_optional_package(module: str) -> None:
     assert result.stdout.split() == []
 
 
-def test_loops_have_one_door() -> None:
-    """Whoever is outside imports what ``echelon/loops/__init__.py`` names, and no file behind it."""
-    others = [path for path in SOURCE.rglob("*.py") if path.parent != SOURCE / "loops"]
-    behind = [
-        path
-        for path in others
-        if re.search(
-            r"(from|import) echelon\.loops\.", path.read_text(encoding="utf-8")
-        )
-    ]
+MAKER = "echelon.shared.facade"
+"""What makes doors, and has none in front of it."""
+
+
+def test_rooms_have_doors() -> None:
+    """Modules import from another room what its ``__init__.pyi`` names, and no file behind it."""
+    behind = []
+    for path in SOURCE.rglob("*.py"):
+        room = path.relative_to(SOURCE).parts[0]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module not in (None, MAKER):
+                package, *inside = node.module.split(".")
+                if package == "echelon" and len(inside) > 1 and inside[0] != room:
+                    behind.append(f"{path}: {node.module}")
     assert behind == []
 
 

@@ -10,8 +10,8 @@ from xml.sax.saxutils import quoteattr
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
-from echelon.names import (
+from echelon.shared.errors import InputError
+from echelon.shared.names import (
     check_distinct,
     check_identifier,
     check_title,

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
+from echelon.shared.errors import InputError
 from support.paths import EXAMPLES
 
 MODELS = re.compile(r"\b(Mechanism|LinearModel|BaseModel|Model|Setup)\b")

@@ -121,7 +121,7 @@ def test_json_lines_are_read(changed: Path) -> None:
     rows = [{"t": k / 10, "q1": k / 7} for k in range(5)]
     (changed / "log.jsonl").write_text("\n".join(map(json.dumps, rows)))
     script = """
-from echelon.logs.files.open_log import open_log
+from echelon.identification.logs.files.open_log import open_log
 (table,) = open_log("log.jsonl").tables()
 print(table.columns["q1"].tolist())
 """

@@ -1,1 +1,1 @@
-../src/echelon/results/echelon_verify.py
+../src/echelon/base/saved/echelon_verify.py

@@ -43,7 +43,7 @@ def facts(repeats: int) -> dict[str, Any]:
     import llvmlite
     import llvmlite.binding as llvm
 
-    from echelon.machine.target import host
+    from echelon.compute.machine.target import host
 
     return {
         "date": datetime.now(UTC).date().isoformat(),

@@ -13,22 +13,22 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
+from echelon.algebra.exact.polynomial import Polynomial
 from echelon.base.derive import base_parameters
 from echelon.base.display import facts, headline, to_latex
 from echelon.base.model import BaseModel
-from echelon.conventions import PARAMETERS
-from echelon.errors import EchelonError, InputError, one_line
-from echelon.exact.polynomial import Polynomial
+from echelon.base.saved.saved import to_json
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import effect_label, slides
-from echelon.mechanism.effect import Effect, Side, ready_made
-from echelon.mechanism.joint import GROUND, Body, Joint, MotionKind, Placement
-from echelon.mechanism.lock_joints import lock_joints
-from echelon.mechanism.mechanism import Cut, Mechanism, Output
-from echelon.mechanism.substitute import substituted
 from echelon.report.drawing import CLASSES, drawable_pose, seen_bodies
-from echelon.results.saved import to_json
+from echelon.robot.effect import Effect, Side, ready_made
+from echelon.robot.joint import GROUND, Body, Joint, MotionKind, Placement
+from echelon.robot.lock_joints import lock_joints
+from echelon.robot.mechanism import Cut, Mechanism, Output
+from echelon.robot.substitute import substituted
+from echelon.shared.conventions import PARAMETERS
+from echelon.shared.errors import EchelonError, InputError, one_line
 
 PAYLOAD = "payload"
 """Name of the body that a payload becomes; its parameters are XXL … ML."""

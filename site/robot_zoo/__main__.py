@@ -12,7 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from echelon.errors import EchelonError
+from echelon.shared.errors import EchelonError
 from robot_zoo.build import build_zoo
 
 

@@ -16,10 +16,10 @@ from threading import Thread
 from time import monotonic
 from typing import Any
 
-from echelon.errors import EchelonError, InputError, one_line
-from echelon.files import write_atomically
 from echelon.report.page import Context, render, script_safe
-from echelon.version import __version__
+from echelon.shared.errors import EchelonError, InputError, one_line
+from echelon.shared.files import write_atomically
+from echelon.shared.version import __version__
 from robot_zoo.exhibit import (
     TEMPLATES,
     Found,

@@ -23,21 +23,21 @@ from echelon.base.derive import base_parameters
 from echelon.base.display import classification_rows, facts, headline, to_latex
 from echelon.base.expression import LatexStyle, render
 from echelon.base.model import BaseModel
+from echelon.base.saved.saved import to_json
 from echelon.base.sensors import sensor_report
 from echelon.codegen.source import generate
-from echelon.conventions import PARAMETERS
-from echelon.errors import EchelonError, InputError, one_line
-from echelon.files import write_atomically, written_into
 from echelon.formats.literal import LiteralPlacement
 from echelon.formats.robot_file import load
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
 from echelon.report.drawing import CLASSES, seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import ClosedForms, Context
 from echelon.report.page import render as render_page
-from echelon.results.saved import to_json
-from echelon.version import __version__
+from echelon.robot.joint import MotionKind
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.conventions import PARAMETERS
+from echelon.shared.errors import EchelonError, InputError, one_line
+from echelon.shared.files import write_atomically, written_into
+from echelon.shared.version import __version__
 from robot_zoo.faults import Fault, faults, read_from
 
 _ROOTS = {

@@ -12,19 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Floats
 from echelon.base.model import BaseModel
-from echelon.conventions import PER_BODY
-from echelon.errors import EchelonError, one_line
 from echelon.excite.problem.robot_shapes import carrying_bodies
 from echelon.excite.problem.shapes import placed
 from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_file import RobotFile
-from echelon.inertia import pseudo_inertia
-from echelon.mechanism.impossible import ROUNDED, impossibility, principal_moments
-from echelon.mechanism.joint import GROUND
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length
+from echelon.robot.impossible import ROUNDED, impossibility, principal_moments
+from echelon.robot.inertia import pseudo_inertia
+from echelon.robot.joint import GROUND
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.stated import characteristic_length
+from echelon.shared.arrays import Floats
+from echelon.shared.conventions import PER_BODY
+from echelon.shared.errors import EchelonError, one_line
 
 _WIDE = 3.0  # a radius of gyration of so many lengths of the robot is a placeholder
 _LIGHT = 1e-3  # kg; points of less mass only mark a frame

@@ -1,5 +1,8 @@
 """The public names and where each is declared: type checkers read this file, and so does ``__init__.py``."""
 
+from echelon.base.audit.audit import audit as audit
+from echelon.base.audit.result import Audit as Audit
+from echelon.base.audit.result import Verdict as Verdict
 from echelon.base.derive import base_parameters as base_parameters
 from echelon.base.derive import base_structure as base_structure
 from echelon.base.expression import Expression as Expression
@@ -15,23 +18,21 @@ from echelon.base.row_space import RowSpaces as RowSpaces
 from echelon.base.row_space import energy_regressor as energy_regressor
 from echelon.base.row_space import power_regressor as power_regressor
 from echelon.base.row_space import same_row_space as same_row_space
+from echelon.base.saved.model_file import load_model as load_model
+from echelon.base.saved.saved import load_base as load_base
+from echelon.base.saved.saved import load_linear_base as load_linear_base
+from echelon.base.saved.saved import save_base as save_base
+from echelon.base.saved.saved import verify as verify
 from echelon.base.sensors import SensorReport as SensorReport
 from echelon.base.sensors import sensor_report as sensor_report
 from echelon.base.special import SpecialGeometry as SpecialGeometry
 from echelon.base.special import special_geometry as special_geometry
 from echelon.base.structure import Structure as Structure
 from echelon.base.symbolic import SymbolicRegressor as SymbolicRegressor
-from echelon.claims.audit import audit as audit
-from echelon.claims.result import Audit as Audit
-from echelon.claims.result import Verdict as Verdict
 from echelon.codegen.source import generate as generate
-from echelon.errors import AssemblyWarning as AssemblyWarning
-from echelon.errors import CertificateError as CertificateError
-from echelon.errors import ClosedFormError as ClosedFormError
-from echelon.errors import DoubtWarning as DoubtWarning
-from echelon.errors import EchelonError as EchelonError
-from echelon.errors import InputError as InputError
-from echelon.errors import MissingExtraError as MissingExtraError
+from echelon.compute.observe.observation import NormalEquations as NormalEquations
+from echelon.compute.observe.observation import Observation as Observation
+from echelon.dynamics.models import LinearModel as LinearModel
 from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory
 from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory
@@ -50,24 +51,25 @@ from echelon.identification.identify import identify as identify
 from echelon.identification.payload import Payload as Payload
 from echelon.identification.predict import predict_log as predict_log
 from echelon.identification.result import Identification as Identification
+from echelon.identification.saved.identified import load_identified as load_identified
+from echelon.identification.saved.identified import (
+    save_identification as save_identification,
+)
 from echelon.identification.servos.servo_fit import ServoFit as ServoFit
 from echelon.identification.servos.servo_fit import fit_servos as fit_servos
-from echelon.inertia import convert as convert
-from echelon.inertia import convert_columns as convert_columns
-from echelon.mechanism.mechanism import Mechanism as Mechanism
-from echelon.mechanism.motor_side import joint_side as joint_side
-from echelon.models import LinearModel as LinearModel
-from echelon.observe.observation import NormalEquations as NormalEquations
-from echelon.observe.observation import Observation as Observation
+from echelon.identification.setup.setup import Setup as Setup
+from echelon.identification.setup.setup import load_setup as load_setup
 from echelon.report.preview import preview_html as preview_html
 from echelon.report.report import report_html as report_html
-from echelon.results.identified import load_identified as load_identified
-from echelon.results.identified import save_identification as save_identification
-from echelon.results.model_file import load_model as load_model
-from echelon.results.saved import load_base as load_base
-from echelon.results.saved import load_linear_base as load_linear_base
-from echelon.results.saved import save_base as save_base
-from echelon.results.saved import verify as verify
-from echelon.setup.setup import Setup as Setup
-from echelon.setup.setup import load_setup as load_setup
-from echelon.version import __version__ as __version__
+from echelon.robot.inertia import convert as convert
+from echelon.robot.inertia import convert_columns as convert_columns
+from echelon.robot.mechanism import Mechanism as Mechanism
+from echelon.robot.motor_side import joint_side as joint_side
+from echelon.shared.errors import AssemblyWarning as AssemblyWarning
+from echelon.shared.errors import CertificateError as CertificateError
+from echelon.shared.errors import ClosedFormError as ClosedFormError
+from echelon.shared.errors import DoubtWarning as DoubtWarning
+from echelon.shared.errors import EchelonError as EchelonError
+from echelon.shared.errors import InputError as InputError
+from echelon.shared.errors import MissingExtraError as MissingExtraError
+from echelon.shared.version import __version__ as __version__

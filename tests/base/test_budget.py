@@ -15,17 +15,17 @@ import pytest
 from typer.testing import CliRunner
 
 from echelon import base_parameters, load, load_base, save_base, verify
+from echelon.algebra.exact.expressions import PI, parse
+from echelon.algebra.exact.polynomial import is_trigonometric, symbol_of
+from echelon.algebra.exact.rational import RationalFunction
 from echelon.base.derive import base_matrix
 from echelon.base.expression import collect
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
 from echelon.cli.commands import app
-from echelon.errors import CertificateError, ClosedFormError, InputError
-from echelon.exact.expressions import PI, parse
-from echelon.exact.polynomial import is_trigonometric, symbol_of
-from echelon.exact.rational import RationalFunction
-from echelon.mechanism.joint import Symbol
-from echelon.mechanism.stated import all_symbols
+from echelon.robot.joint import Symbol
+from echelon.robot.stated import all_symbols
+from echelon.shared.errors import CertificateError, ClosedFormError, InputError
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray
 from support.paths import EXAMPLES

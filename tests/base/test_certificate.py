@@ -12,17 +12,17 @@ import pytest
 import sympy
 
 import echelon as ec
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.algebra.exact.rational import RationalFunction
 from echelon.base.certificate import _Checks, certify
 from echelon.base.derive import model_at_stated_values
 from echelon.base.matrix import BaseMatrix
-from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
-from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear_forms import (
+from echelon.dynamics.linear_forms import (
     inverse_dynamics_regressor,
     virtual_power_form,
 )
+from echelon.formats.snapping import ReadingOptions
+from echelon.robot.mechanism import Mechanism
 from support import textbook_arms as arms
 from support.descriptions import read_description
 from support.paths import ROOT

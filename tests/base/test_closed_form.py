@@ -12,13 +12,13 @@ from sympy import QQ
 from sympy.polys.matrices import DomainMatrix
 
 from echelon import base_parameters
+from echelon.algebra.exact.expressions import parse
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.algebra.program.operations import Op
 from echelon.base.model import BaseModel
-from echelon.conventions import LENGTH_DEGREE, PER_BODY
-from echelon.exact.expressions import parse
-from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.operations import Op
-from echelon.regressor.linear_forms import LinearForms
+from echelon.dynamics.linear_forms import LinearForms
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.conventions import LENGTH_DEGREE, PER_BODY
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray, random_states
 from support.selection import one_in

@@ -17,11 +17,11 @@ import echelon as ec
 from echelon.base.display import to_html, to_latex, to_markdown, to_text
 from echelon.base.expression import LatexStyle, TextStyle, count_terms
 from echelon.base.reading_report import ReadingReport
+from echelon.base.saved.saved import from_json, to_json
 from echelon.cli.terminal import print_model
 from echelon.formats.robot_file import RobotFile
-from echelon.mechanism.joint import Symbol
-from echelon.mechanism.mechanism import Mechanism, Snap
-from echelon.results.saved import from_json, to_json
+from echelon.robot.joint import Symbol
+from echelon.robot.mechanism import Mechanism, Snap
 from support import textbook_arms as arms
 from support.paths import ROOT, TESTS
 from support.selection import one_in

@@ -7,7 +7,7 @@ import pytest
 
 import echelon as ec
 from echelon.base.lift import metric_matrix
-from echelon.conventions import LENGTH_DEGREE
+from echelon.shared.conventions import LENGTH_DEGREE
 from support import textbook_arms as arms
 from support.float_regressor import random_states
 

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 import echelon as ec
 from echelon.base.sensors import sensor_report
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support.descriptions import read_description
 from support.selection import slow_unless
 

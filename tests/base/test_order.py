@@ -11,13 +11,13 @@ import pytest
 import sympy
 
 import echelon as ec
+from echelon.algebra.exact.expressions import parse
+from echelon.algebra.exact.rational import RationalFunction
 from echelon.base.matrix import coefficient_value, column_order
-from echelon.conventions import PARAMETERS, UNITS
-from echelon.exact.expressions import parse
-from echelon.exact.rational import RationalFunction
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.effect import Side, ready_made
-from echelon.mechanism.mechanism import Mechanism, Parameter
+from echelon.robot.effect import Side, ready_made
+from echelon.robot.mechanism import Mechanism, Parameter
+from echelon.shared.conventions import PARAMETERS, UNITS
 from support import textbook_arms as arms
 from support.descriptions import read_description
 from support.selection import one_in, slow_unless

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 import echelon as ec
 from echelon.base.pseudo_inverse import pseudo_inverse
-from echelon.errors import ClosedFormError, InputError
+from echelon.shared.errors import ClosedFormError, InputError
 from support import textbook_arms as arms
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 
 import echelon as ec
 from echelon.base.numeric_ranks import numeric_ranks, ranks_of_matrix
-from echelon.errors import InputError
-from echelon.mechanism.joint import ball
+from echelon.robot.joint import ball
+from echelon.shared.errors import InputError
 from support import textbook_arms as arms
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.algebra.exact.field import random_generator
 from echelon.base.ball_spaces import BallSpaces
 from echelon.base.ball_tables import rounded
 from echelon.base.certificate import certify
 from echelon.base.derive import model_at_stated_values, specialised
 from echelon.base.elimination import eliminated
-from echelon.exact.field import random_generator
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear_forms import virtual_power_form
-from echelon.results.saved import from_json, to_json
+from echelon.base.saved.saved import from_json, to_json
+from echelon.dynamics.linear_forms import virtual_power_form
+from echelon.robot.mechanism import Mechanism
 from support.closed_states import read, states
 from support.paths import EXAMPLES
 from support.published_loops import LOOPS, PUBLISHED

@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.algebra.program.free_states import RealPoints, RegionReport
+from echelon.algebra.program.surfaces import (
+    IndependentRegions,
+    find_surfaces,
+    impossible,
+)
+from echelon.algebra.program.tape import Program
+from echelon.algebra.program.text import record_expression
 from echelon.base.linear_base import LinearBase
-from echelon.program.free_states import RealPoints, RegionReport
-from echelon.program.surfaces import IndependentRegions, find_surfaces, impossible
-from echelon.program.tape import Program
-from echelon.program.text import record_expression
 from support.sign_models import sign_model
 
 

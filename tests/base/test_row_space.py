@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 
 import echelon as ec
-from echelon.errors import InputError
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear_forms import inverse_dynamics_regressor
+from echelon.dynamics.linear_forms import inverse_dynamics_regressor
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support import textbook_arms as arms
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms

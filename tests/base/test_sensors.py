@@ -16,19 +16,19 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import echelon as ec
+from echelon.algebra.exact.polynomial import Polynomial, as_polynomial
+from echelon.algebra.program.schedule import FloatArithmetic, Schedule
 from echelon.base.sensors import sensor_report
 from echelon.cli.commands import app
-from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.formats.snapping import ReadingOptions
-from echelon.formats.writers.description_writer import write_description
-from echelon.mechanism.joint import Placement, as_matrix
-from echelon.mechanism.mechanism import Cut
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import (
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import (
     inverse_dynamics_regressor,
     virtual_power_form,
 )
+from echelon.formats.snapping import ReadingOptions
+from echelon.formats.writers.description_writer import write_description
+from echelon.robot.joint import Placement, as_matrix
+from echelon.robot.mechanism import Cut
 from support.descriptions import read_description
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import ROOT

@@ -15,14 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
+from echelon.algebra.exact.expressions import Angle
+from echelon.algebra.exact.field import PrimeField, residues_at
+from echelon.algebra.exact.polynomial import float_generators
 from echelon.base.reading_report import report_reading
-from echelon.exact.expressions import Angle
-from echelon.exact.field import PrimeField, residues_at
-from echelon.exact.polynomial import float_generators
+from echelon.base.saved.saved import from_json, to_json
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import StatedValues, stated_values, unit_of
-from echelon.results.saved import from_json, to_json
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.stated import StatedValues, stated_values, unit_of
 from support.descriptions import read_description
 from support.paths import ROOT
 

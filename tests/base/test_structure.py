@@ -12,10 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.errors import DegenerateSampleError
-from echelon.exact.expressions import Angle
-from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.joint import (
+from echelon.algebra.exact.expressions import Angle
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.robot.joint import (
     Body,
     Joint,
     Motion,
@@ -28,7 +27,8 @@ from echelon.mechanism.joint import (
     translation,
     turn,
 )
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import DegenerateSampleError
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.random_mechanisms import mechanisms

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from typer.testing import CliRunner
 
 import echelon as ec
+from echelon.base.audit.audit import random_states
 from echelon.base.symbolic import SymbolicRegressor
-from echelon.claims.audit import random_states
 from echelon.cli.commands import app
-from echelon.errors import ClosedFormError, InputError
-from echelon.mechanism.joint import rotation
-from echelon.regressor.evaluate import evaluate_floats
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.robot.joint import rotation
+from echelon.shared.errors import ClosedFormError, InputError
 from support import textbook_arms as arms
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms

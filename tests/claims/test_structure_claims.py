@@ -11,12 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
+from echelon.algebra.exact.field import PrimeField, reduced_echelon
+from echelon.algebra.exact.polynomial import Polynomial
 from echelon.base import structure
 from echelon.base.structure import find_structure
-from echelon.exact.field import PrimeField, reduced_echelon
-from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.effect import Side, ready_made
-from echelon.mechanism.joint import (
+from echelon.dynamics import linear_forms
+from echelon.dynamics.linear_forms import FEW_COLUMNS, virtual_power_form
+from echelon.robot.effect import Side, ready_made
+from echelon.robot.joint import (
     ALL,
     GROUND,
     MotionKind,
@@ -25,9 +27,7 @@ from echelon.mechanism.joint import (
     rotation,
     translation,
 )
-from echelon.mechanism.mechanism import Actuator, Cut, Force, Mechanism, Output
-from echelon.regressor import linear_forms
-from echelon.regressor.linear_forms import FEW_COLUMNS, virtual_power_form
+from echelon.robot.mechanism import Actuator, Cut, Force, Mechanism, Output
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from echelon.base.saved.schema import BaseModelRecord, json_schema
 from echelon.cli.destination import MANIFEST
-from echelon.results.schema import BaseModelRecord, json_schema
 from support.command_line import run, run_alone
 from support.paths import ROOT
 from support.selection import slow_unless
@@ -176,14 +176,14 @@ def test_traceback_on_request() -> None:
 
 def test_our_own_mistakes_are_no_verdict() -> None:
     """A bug shows its traceback, and its exit code is not that of a refuted claim."""
-    bug = "import echelon.results.saved as s; s.load_set = lambda _: 1 // 0; from echelon.cli import main; main()"
+    bug = "import echelon.base.saved.saved as s; s.load_set = lambda _: 1 // 0; from echelon.cli import main; main()"
     done = run_alone("verify", "set.json", code=bug)
     assert "ZeroDivisionError" in done.stderr
     assert done.returncode == 70
 
 
 def test_interruption() -> None:
-    stop = "import echelon.results.saved as s\ndef stop(_): raise KeyboardInterrupt\ns.load_set = stop"
+    stop = "import echelon.base.saved.saved as s\ndef stop(_): raise KeyboardInterrupt\ns.load_set = stop"
     done = run_alone(
         "verify", "set.json", code=f"{stop}\nfrom echelon.cli import main\nmain()"
     )

@@ -13,7 +13,7 @@ import pytest
 import typer
 
 from echelon.cli.commands import app
-from echelon.machine.kernel import processors
+from echelon.compute.machine.kernel import processors
 from support.every_command import COMMANDS, LANGUAGES, SCHEMAS, write_inputs
 from support.paths import ROOT, TESTS
 

@@ -15,16 +15,16 @@ import pytest
 from typer.testing import CliRunner
 
 import echelon as ec
+from echelon.algebra.program.function import Argument, Function
+from echelon.algebra.program.operations import FUNCTIONS
+from echelon.algebra.program.tape import Program
 from echelon.cli.commands import app
 from echelon.codegen import TARGETS, Precision, views
 from echelon.codegen.source import Subject, generate, printed
 from echelon.dynamics.functions import FUNCTIONS as ALL
 from echelon.dynamics.functions import LOOP_FUNCTIONS
-from echelon.errors import InputError
 from echelon.loops.assembly import Assembly
-from echelon.program.function import Argument, Function
-from echelon.program.operations import FUNCTIONS
-from echelon.program.tape import Program
+from echelon.shared.errors import InputError
 from support import generated_code as generated
 from support.paths import ROOT
 

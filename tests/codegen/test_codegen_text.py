@@ -21,6 +21,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.algebra.program.function import Argument, Function
+from echelon.algebra.program.tape import Program
 from echelon.cli.destination import MANIFEST
 from echelon.cli.generate import FUNCTIONS as LISTED_FUNCTIONS
 from echelon.cli.generate import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
@@ -28,8 +30,6 @@ from echelon.cli.generate import TARGETS as LISTED_TARGETS
 from echelon.codegen import TARGETS, Precision
 from echelon.codegen.source import Subject, generate, printed
 from echelon.dynamics.functions import FUNCTIONS, LOOP_FUNCTIONS
-from echelon.program.function import Argument, Function
-from echelon.program.tape import Program
 from support import generated_code as generated
 from support import textbook_arms as arms
 from support.command_line import run

@@ -12,17 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
+from echelon.algebra.program.function import Function
+from echelon.algebra.program.schedule import FloatArithmetic
+from echelon.dynamics.evaluate import evaluate_floats
 from echelon.dynamics.functions import FUNCTIONS, robot_function, vector
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.dynamics.outputs import RecordedOutputs
-from echelon.errors import InputError
 from echelon.loops.assembly import Assembly
-from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Function
-from echelon.program.schedule import FloatArithmetic
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import virtual_power_form
+from echelon.robot.effect import Action, Effect, Side
+from echelon.robot.joint import MotionKind
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support import linkages
 from support import textbook_arms as arms
 from support.described_robots import EVERYTHING, SENSORS, sensed

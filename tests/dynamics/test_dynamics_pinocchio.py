@@ -8,7 +8,7 @@ import pytest
 
 import echelon as ec
 from echelon.dynamics.functions import robot_function
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, random_states, standard_vector
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file

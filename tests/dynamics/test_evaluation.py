@@ -12,11 +12,11 @@ import pytest
 
 import echelon as ec
 from echelon.base.model import BaseModel
+from echelon.compute.machine import kernel as kernel_module
+from echelon.dynamics.evaluate import evaluate_floats
 from echelon.dynamics.functions import robot_function
-from echelon.errors import InputError
-from echelon.machine import kernel as kernel_module
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import inverse_dynamics_regressor
+from echelon.dynamics.linear_forms import inverse_dynamics_regressor
+from echelon.shared.errors import InputError
 from support import textbook_arms as arms
 from support.described_robots import EVERYTHING, SENSORS
 from support.float_functions import evaluate

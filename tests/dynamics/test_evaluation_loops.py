@@ -11,13 +11,13 @@ import pytest
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.errors import InputError
+from echelon.compute.machine import kernel as kernel_module
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.loops.assembly import Assembly
 from echelon.loops.closed_motion import normalised, position_rates
-from echelon.machine import kernel as kernel_module
-from echelon.mechanism.effect import Action, Effect, Side
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import virtual_power_form
+from echelon.robot.effect import Action, Effect, Side
+from echelon.shared.errors import InputError
 from support import linkages
 from support.closed_motion import completed
 from support.described_robots import sensed

@@ -7,7 +7,7 @@ import pytest
 
 import echelon as ec
 from echelon.base.structure import linear_structure
-from echelon.errors import InputError
+from echelon.shared.errors import InputError
 
 SYMBOLS = ("a", "b")
 

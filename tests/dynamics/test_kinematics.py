@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
-from echelon.errors import InputError
-from echelon.mechanism.joint import GROUND
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.joint import GROUND
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support.excitation_cases import Floats, slopes_by_state
 from support.float_regressor import random_states
 from support.paths import EXAMPLES

@@ -12,15 +12,15 @@ import pinocchio as pin
 import pytest
 
 import echelon as ec
+from echelon.algebra.program.function import Function
 from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.functions import LOOP_FUNCTIONS, robot_function
-from echelon.errors import InputError
 from echelon.loops.assembly import Assembly
 from echelon.loops.closed_motion import normalised, position_rates
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Function
+from echelon.robot.closure import ClosureKind
+from echelon.robot.effect import Action, Effect, Side
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support import linkages
 from support.closed_motion import accelerations
 from support.float_regressor import FloatArray

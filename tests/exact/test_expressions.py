@@ -9,8 +9,8 @@ import sympy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.exact.expressions import Angle, parse, parse_angle
-from echelon.exact.polynomial import Polynomial
+from echelon.algebra.exact.expressions import Angle, parse, parse_angle
+from echelon.algebra.exact.polynomial import Polynomial
 from support.strategies import in_sympy
 
 SYMBOLS = ("D3", "RL4", "alpha")

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from sympy import GF
 from sympy.polys.matrices import DomainMatrix
 
-from echelon.errors import DegenerateSampleError
-from echelon.exact.field import (
+from echelon.algebra.exact.field import (
     ARRAY_BITS,
     CERTIFICATE_BITS,
     PrimeField,
@@ -27,7 +26,8 @@ from echelon.exact.field import (
     reduced_echelon,
     solve_batched,
 )
-from echelon.exact.polynomial import Number, surd
+from echelon.algebra.exact.polynomial import Number, surd
+from echelon.shared.errors import DegenerateSampleError
 from support.strategies import FIELDS, LARGE_FIELD, SMALL_FIELD, numbers
 
 both_fields = pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])

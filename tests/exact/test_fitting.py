@@ -12,14 +12,14 @@ import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from echelon.errors import ClosedFormError, DegenerateSampleError
-from echelon.exact.ansatz import sections
-from echelon.exact.expressions import parse
-from echelon.exact.field import PrimeField, Residues
-from echelon.exact.interpolation import interpolate
-from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
-from echelon.exact.unknown_functions import UnknownFunctions, Work
+from echelon.algebra.exact.ansatz import sections
+from echelon.algebra.exact.expressions import parse
+from echelon.algebra.exact.field import PrimeField, Residues
+from echelon.algebra.exact.interpolation import interpolate
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.algebra.exact.rational import RationalFunction
+from echelon.algebra.exact.unknown_functions import UnknownFunctions, Work
+from echelon.shared.errors import ClosedFormError, DegenerateSampleError
 
 LENGTHS, ANGLES, OTHERS = ("d", "r", "l3"), ("a", "b"), ("g", "k")
 

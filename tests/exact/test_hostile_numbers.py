@@ -12,14 +12,14 @@ import pytest
 
 import echelon as ec
 from echelon.cli.identify import _fit
-from echelon.errors import CertificateError, InputError
 from echelon.excite.files.trajectory_file import read_trajectory, trajectory_to_json
 from echelon.identification.conditioning import without_rounding
+from echelon.identification.logs.files.bag_file import nanoseconds
+from echelon.identification.logs.preparation.prepare import Preparation
+from echelon.identification.saved.identified import load_identified
 from echelon.identification.scores import Score, fit
-from echelon.logs.files.bag_file import nanoseconds
-from echelon.logs.preparation.prepare import Preparation
-from echelon.results.identified import load_identified
-from echelon.signals.clock import stretches
+from echelon.identification.signals.clock import stretches
+from echelon.shared.errors import CertificateError, InputError
 from support.paths import ROOT
 from support.trajectory_motions import NAMES, UNITS, smooth
 

@@ -12,19 +12,19 @@ import pytest
 from typer.testing import CliRunner
 
 import echelon as ec
+from echelon.algebra.exact.expressions import in_double_range, is_whole, parse
+from echelon.algebra.exact.polynomial import Polynomial, multiple_of, surd
+from echelon.algebra.program.tape import Program
+from echelon.algebra.program.text import record_expression
+from echelon.base.audit.reading import LinearReader
 from echelon.base.display import to_latex, to_markdown
-from echelon.claims.reading import LinearReader
 from echelon.cli.commands import app
 from echelon.cli.generate import read_values
 from echelon.cli.screen import visible
-from echelon.errors import InputError
-from echelon.exact.expressions import in_double_range, is_whole, parse
-from echelon.exact.polynomial import Polynomial, multiple_of, surd
-from echelon.mechanism.joint import Symbol
-from echelon.models import constant_values
-from echelon.names import symbol_stem
-from echelon.program.tape import Program
-from echelon.program.text import record_expression
+from echelon.dynamics.models import constant_values
+from echelon.robot.joint import Symbol
+from echelon.shared.errors import InputError
+from echelon.shared.names import symbol_stem
 from support import textbook_arms as arms
 from support.paths import ROOT
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sympy.ntheory.modular import crt
 
-from echelon.exact.field import random_prime
-from echelon.exact.interpolation import combine, rational
+from echelon.algebra.exact.field import random_prime
+from echelon.algebra.exact.interpolation import combine, rational
 
 _RNG = np.random.default_rng(5)
 PRIMES = [random_prime(_RNG, 31) for _ in range(6)]

@@ -13,8 +13,8 @@ import sympy
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from echelon.exact.expressions import parse_decimal
-from echelon.exact.polynomial import (
+from echelon.algebra.exact.expressions import parse_decimal
+from echelon.algebra.exact.polynomial import (
     Number,
     Surd,
     cosine_of_turn,

@@ -10,9 +10,9 @@ import sympy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.exact.expressions import parse
-from echelon.exact.field import PrimeField
-from echelon.exact.polynomial import (
+from echelon.algebra.exact.expressions import parse
+from echelon.algebra.exact.field import PrimeField
+from echelon.algebra.exact.polynomial import (
     Number,
     Polynomial,
     as_polynomial,

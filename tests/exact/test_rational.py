@@ -10,10 +10,10 @@ import sympy
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from echelon.exact.expressions import parse
-from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import ONE, RationalFunction, sum_of_products
-from echelon.exact.ring import divided, factors
+from echelon.algebra.exact.expressions import parse
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.algebra.exact.rational import ONE, RationalFunction, sum_of_products
+from echelon.algebra.exact.ring import divided, factors
 from support.strategies import SMALL_FIELD, in_sympy, integers, polynomials, rationals
 
 LENGTHS = polynomials("d", "r", coefficients=rationals)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.errors import InputError
 from echelon.excite.problem.allowances import Allowances, allowances_of
 from echelon.excite.problem.clearance import clearance_of
 from echelon.excite.problem.robot_shapes import entry_shapes
+from echelon.shared.errors import InputError
 from support.shaped_robots import planar
 
 

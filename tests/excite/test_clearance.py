@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.errors import EchelonError, InputError
 from echelon.excite.problem.allowances import without_touching
 from echelon.excite.problem.clearance import (
     Clearance,
@@ -27,7 +26,8 @@ from echelon.excite.solve.design import start_pose
 from echelon.excite.verify import LeastClearances
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import open_robot
-from echelon.mechanism.joint import rotation
+from echelon.robot.joint import rotation
+from echelon.shared.errors import EchelonError, InputError
 from support.robot_files import robot_file
 from support.shaped_robots import ARM, Floats, motion, planar, spheres
 from support.textbook_arms import body, place, tree

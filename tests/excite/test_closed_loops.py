@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.algebra.program.tape import Program
 from echelon.dynamics.kinematics import Kinematics
 from echelon.excite.excite import conditioning_of
 from echelon.excite.problem.closed_loops import (
@@ -31,7 +32,6 @@ from echelon.excite.solve.design import designed
 from echelon.excite.verify import loop_margins
 from echelon.loops.assembly import Assembly
 from echelon.loops.dependent_motion import DependentMotion
-from echelon.program.tape import Program
 from support import linkages
 from support.closed_motion import completed
 from support.excitation_cases import slopes_by_state

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.choices import Optimality
 from echelon.excite.problem import information as criteria
 from echelon.excite.problem.information import (
     OptimalityCriterion,
     condition_number,
     log_det,
 )
+from echelon.shared.choices import Optimality
 from support.excitation_cases import Floats, slope_along
 
 NAMES: tuple[Optimality, ...] = ("d_optimal", "a_optimal", "condition")

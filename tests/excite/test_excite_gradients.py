@@ -11,8 +11,6 @@ import pytest
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.choices import Optimality
-from echelon.errors import InputError
 from echelon.excite.problem.information import (
     ADJOINT,
     Information,
@@ -26,6 +24,8 @@ from echelon.excite.problem.trajectory import (
     resting_ends,
     uniform_splines,
 )
+from echelon.shared.choices import Optimality
+from echelon.shared.errors import InputError
 from support.excitation_cases import Floats, slope_along, slopes_by_state
 from support.paths import EXAMPLES
 

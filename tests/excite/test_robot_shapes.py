@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.robot_shapes import entry_shapes, read_geometry
 from echelon.excite.problem.shapes import ShapeKind
 from echelon.formats.robot_file import open_robot
+from echelon.shared.errors import InputError
 from support.robot_files import robot_file
 from support.shaped_robots import ARM, Floats, planar
 

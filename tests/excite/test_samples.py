@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from echelon.errors import InputError
 from echelon.excite.files.samples import sampled, yaml_text
 from echelon.excite.files.trajectory_file import read_trajectory, write_trajectory
 from echelon.excite.problem.trajectory import Fourier, Trajectory
+from echelon.shared.errors import InputError
 from support.trajectory_motions import KIND, NAMES, SPEED, UNITS, WAVE, T, smooth
 
 # -- our own -----------------------------------------------------------------------------------------------------------

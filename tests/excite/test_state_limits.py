@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.algebra.program.function import Argument, Function
+from echelon.algebra.program.tape import Program
 from echelon.base.model import BaseModel
 from echelon.dynamics.kinematics import Kinematics
-from echelon.errors import InputError
 from echelon.excite.problem.optimisation import Problem
 from echelon.excite.problem.prior_model import check_determined
 from echelon.excite.problem.state_limits import (
@@ -29,9 +30,8 @@ from echelon.excite.problem.state_limits import (
 )
 from echelon.excite.problem.trajectory import Fourier
 from echelon.excite.verify import reach
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Argument, Function
-from echelon.program.tape import Program
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support.excitation_cases import (
     Floats,
     all_limits,

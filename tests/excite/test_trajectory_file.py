@@ -15,7 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
-from echelon.errors import InputError, MissingExtraError
 from echelon.excite.files import samples as samples_module
 from echelon.excite.files.samples import sampled
 from echelon.excite.files.trajectory_file import (
@@ -35,6 +34,7 @@ from echelon.excite.problem.trajectory import (
     resting_ends,
     uniform_splines,
 )
+from echelon.shared.errors import InputError, MissingExtraError
 from support.trajectory_motions import NAMES, UNITS, motion, smooth, states
 
 SAMPLED = [".csv", ".parquet", ".yaml"]

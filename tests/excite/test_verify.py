@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.errors import InputError
+from echelon.algebra.program.function import Argument, Function
+from echelon.algebra.program.tape import Program, Scalar
 from echelon.excite import verify as cells
 from echelon.excite.problem.clearance import Engine, clearance_of
 from echelon.excite.problem.robot_shapes import entry_shapes, mesh_shape
@@ -31,8 +32,7 @@ from echelon.excite.verify import (
     reach,
     when_kept,
 )
-from echelon.program.function import Argument, Function
-from echelon.program.tape import Program, Scalar
+from echelon.shared.errors import InputError
 from support.excitation_cases import Floats, all_limits, families, random_motion
 from support.excitation_loops import limited, motion_of
 from support.selection import one_in

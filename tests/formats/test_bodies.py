@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import inverse_dynamics_regressor
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import inverse_dynamics_regressor
+from echelon.robot.mechanism import Mechanism
 
 Row = tuple[str, str, str, str]
 """Type, xyz, rpy and axis of a joint."""

@@ -16,9 +16,9 @@ from echelon.formats.robot_file import RobotFile
 from echelon.formats.schema.robot_schema import json_schema
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.joint import GROUND
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.closure import ClosureKind
+from echelon.robot.joint import GROUND
+from echelon.robot.mechanism import Mechanism
 from support.descriptions import read_description
 from support.loop_frames import frames, matrix, position, residual
 from support.paths import ROOT

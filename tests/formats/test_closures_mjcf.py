@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.joint import GROUND
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.closure import ClosureKind
+from echelon.robot.joint import GROUND
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support.descriptions import read_description
 from support.loop_frames import frames, residual
 from support.textbook_poses import Array

@@ -15,13 +15,13 @@ from numpy.polynomial import Polynomial as Powers
 from scipy.interpolate import CubicSpline
 
 import echelon as ec
+from echelon.algebra.exact.polynomial import Polynomial
 from echelon.dynamics.functions import robot_function
-from echelon.exact.polynomial import Polynomial
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
-from echelon.mechanism.coupling import Spline, natural_spline
-from echelon.mechanism.lock_joints import lock_joints
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.coupling import Spline, natural_spline
+from echelon.robot.lock_joints import lock_joints
+from echelon.robot.mechanism import Mechanism
 from support.descriptions import read_description
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, float_regressor, random_states
@@ -281,8 +281,8 @@ def _unit(mechanism: Mechanism, q: FloatArray) -> FloatArray:
 
 def test_power_is_the_change_of_energy() -> None:
     """Along a path, kinetic and potential energy from the regressor's own energy change by τ·q̇."""
-    from echelon.regressor.evaluate import evaluate_floats
-    from echelon.regressor.linear_forms import energy_form
+    from echelon.dynamics.evaluate import evaluate_floats
+    from echelon.dynamics.linear_forms import energy_form
 
     mechanism = leg()
     form = energy_form(mechanism)

@@ -13,14 +13,15 @@ import pytest
 import yaml
 
 import echelon as ec
+from echelon.base.saved.schema import BaseModelRecord, LinearBaseRecord
+from echelon.base.saved.schema import json_schema as result_schema
 from echelon.excite.files.trajectory_file import trajectory_schema
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.schema.robot_schema import json_schema
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
-from echelon.mechanism.mechanism import Mechanism
-from echelon.results.schema import BaseModelRecord, IdentifiedRecord, LinearBaseRecord
-from echelon.results.schema import json_schema as result_schema
+from echelon.identification.saved.schema import IdentifiedRecord
+from echelon.robot.mechanism import Mechanism
 from support import textbook_arms as arms
 from support.descriptions import read_description
 from support.float_regressor import float_regressor, random_states

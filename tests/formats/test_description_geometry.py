@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support.descriptions import read_description
 from support.textbook_poses import (
     X,

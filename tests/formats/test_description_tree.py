@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.errors import InputError
-from echelon.exact.expressions import parse
+from echelon.algebra.exact.expressions import parse
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support.descriptions import read_description
 from support.textbook_poses import Array, X, moved, pose_of, turned
 

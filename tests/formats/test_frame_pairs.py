@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values, placement_matrix
+from echelon.robot.closure import ClosureKind
+from echelon.robot.joint import MotionKind
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.stated import known_values, placement_matrix
 
 URDF = """<robot name="five"><link name="floor"/><link name="a1"/><link name="a2"/><link name="b1"/><link name="b2"/>
 <joint name="mot1" type="revolute"><origin rpy="1.5707963267948966 0 0"/><parent link="floor"/><child link="a1"/>

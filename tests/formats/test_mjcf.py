@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from echelon.base.structure import find_structure
-from echelon.errors import InputError, MissingExtraError
 from echelon.formats.builder import build_mechanism
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, rotation_matrix
 from echelon.formats.mjcf.mjcf_model import checked_mjcf
 from echelon.formats.mjcf.mjcf_numbers import placements, quaternion_matrix
 from echelon.formats.mjcf.mjcf_reader import read_mjcf
 from echelon.formats.snapping import ReadingOptions
+from echelon.shared.errors import InputError, MissingExtraError
 from support.mjcf_models import INERTIA, mechanism_of, model, read
 from support.paths import EXAMPLES
 

@@ -12,8 +12,8 @@ import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.loops.closed_motion import ClosureValues
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.stated import known_values
 from support.mjcf_models import INERTIA, model, random_model
 from support.mujoco_loops import Array, Equalities, null_space
 from support.selection import slow_unless

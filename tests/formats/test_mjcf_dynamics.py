@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.mjcf_models import INERTIA, mechanism_of, model, read
 

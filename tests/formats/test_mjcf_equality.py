@@ -9,10 +9,10 @@ import sympy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial
+from echelon.algebra.exact.polynomial import Polynomial
 from echelon.formats.mjcf.mjcf_equality import EqualityRelation, resolve
-from echelon.mechanism.coupling import Spline
+from echelon.robot.coupling import Spline
+from echelon.shared.errors import InputError
 
 JOINTS = "abcde"
 small = st.integers(-3, 3)

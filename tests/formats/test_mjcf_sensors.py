@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.mjcf_models import INERTIA, model
 

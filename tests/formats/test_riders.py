@@ -7,8 +7,8 @@ import pytest
 
 from echelon.formats.robot_file import open_robot
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.joint import GROUND
-from echelon.mechanism.stated import known_values, placement_matrix
+from echelon.robot.joint import GROUND
+from echelon.robot.stated import known_values, placement_matrix
 from support.robot_files import pinocchio_model, robot_file
 
 

@@ -13,9 +13,9 @@ import pinocchio
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.formats.robot_file import open_robot
 from echelon.formats.snapping import ReadingOptions
+from echelon.shared.errors import InputError
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import EXAMPLES
 from support.robot_files import robot_file

@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.inertia import rotation_of
-from echelon.results.saved import from_json, to_json
+from echelon.base.saved.saved import from_json, to_json
+from echelon.robot.inertia import rotation_of
 from support.published_loops import LOOPS
 from support.rounded_exports.verdict import names
 from support.selection import slow_unless

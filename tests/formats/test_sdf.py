@@ -9,12 +9,12 @@ import pytest
 
 import echelon as ec
 from echelon.base.derive import base_structure
+from echelon.base.saved.saved import from_json, to_json
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.joint import GROUND
-from echelon.mechanism.mechanism import Mechanism
-from echelon.results.saved import from_json, to_json
+from echelon.robot.closure import ClosureKind
+from echelon.robot.joint import GROUND
+from echelon.robot.mechanism import Mechanism
 from support.loop_frames import residual
 from support.selection import one_in
 from support.textbook_poses import Array, along, moved, pose_of, turned

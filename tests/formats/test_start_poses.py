@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from echelon.errors import InputError
 from echelon.excite.problem.state_limits import (
     EffortLimit,
     EffortModel,
@@ -19,8 +18,9 @@ from echelon.excite.problem.state_limits import (
 )
 from echelon.excite.problem.task import ResolvedLimits
 from echelon.excite.solve.design import broken, start_pose
-from echelon.mechanism.joint import rotation, translation
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.joint import rotation, translation
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support.excitation_cases import Floats
 from support.textbook_arms import body, place, tree
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.exact.polynomial import float_generators
-from echelon.mechanism.joint import MotionKind, Placement
+from echelon.algebra.exact.polynomial import float_generators
+from echelon.robot.joint import MotionKind, Placement
 
 INERTIAL = (
     "<inertial><origin xyz='0.1 0 0' rpy='0 0 0'/><mass value='2'/>"

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.formats.robot_file import open_robot
 from echelon.formats.snapping import ReadingOptions
+from echelon.shared.errors import InputError
 
 INERTIA = "<inertia ixx='0.01' iyy='0.02' izz='0.02' ixy='0' ixz='0' iyz='0'/>"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
+from echelon.shared.errors import InputError
 from support.robot_files import robot_file
 
 ARM = """<robot name='arm'><link name='base'/>

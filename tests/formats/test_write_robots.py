@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.identified_values import sorted_values
 from echelon.formats.writers.robot_writer import WrittenRobot, identified_robot
 from echelon.formats.writers.urdf_writer import UrdfGenerator
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support.float_regressor import float_regressor, random_states
 from support.robot_files import robot_file
 from support.selection import slow_unless

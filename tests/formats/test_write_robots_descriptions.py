@@ -12,7 +12,7 @@ import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.robot_writer import identified_robot
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states
 from support.paths import EXAMPLES
 from support.written_robots import (

@@ -71,9 +71,9 @@ def run(words: list[str]) -> int | None:
 
 def _read(what: str, name: str) -> int:
     import echelon as ec
-    from echelon.errors import EchelonError
     from echelon.excite.files.trajectory_file import read_trajectory
-    from echelon.logs.files.open_log import read_table
+    from echelon.identification.logs.files.open_log import read_table
+    from echelon.shared.errors import EchelonError
 
     try:
         if what == "read":

@@ -93,11 +93,11 @@ class Material:
 
 def make(folder: Path) -> Material:
     """Everything, written into a folder where a command needs it as a file."""
+    from echelon.base.saved.saved import to_json
     from echelon.excite.files.samples import sampled, yaml_text
     from echelon.excite.files.trajectory_file import trajectory_to_json
     from echelon.excite.problem.trajectory import Fourier, Trajectory
-    from echelon.results.identified import identification_to_json
-    from echelon.results.saved import to_json
+    from echelon.identification.saved.identified import identification_to_json
 
     (folder / "setup.yaml").write_text(SETUP, encoding="utf-8")
     (folder / "robot.yaml").write_text(SETUP.split("log:")[0], encoding="utf-8")

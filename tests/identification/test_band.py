@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.identification.band import with_band
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import irls
+from echelon.identification.logs.finding import Severity
+from echelon.identification.logs.preparation.choices import Signals, chosen
+from echelon.identification.logs.preparation.prepare import Preparation, prepare
+from echelon.identification.logs.recording import Segment
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.finding import Severity
-from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.preparation.prepare import Preparation, prepare
-from echelon.logs.recording import Segment
+from echelon.shared.errors import InputError
 from support.paths import ROOT
 
 TRUE = np.array([0.31, 0.9, 0.01, 0.07, 0.25, -0.02])

@@ -17,9 +17,9 @@ from urllib.request import urlopen
 import distributed
 import pytest
 
-from echelon.errors import InputError
 from echelon.identification import cluster
 from echelon.identification.cluster import connect, each, versions
+from echelon.shared.errors import InputError
 from support.paths import TESTS
 
 HERE = TESTS
@@ -37,8 +37,8 @@ import asyncio, sys
 if sys.argv[2] == "missing":
     sys.modules["echelon"] = None
 elif sys.argv[2]:
-    import echelon.version
-    echelon.version.__version__ = sys.argv[2]
+    import echelon.shared.version
+    echelon.shared.version.__version__ = sys.argv[2]
 from distributed import Worker
 async def main():
     async with Worker(sys.argv[1], nthreads=1, dashboard_address=":0") as worker:

@@ -9,9 +9,9 @@ import pytest
 
 import echelon as ec
 from echelon.identification.delays import with_delays
-from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.preparation.prepare import Preparation
-from echelon.logs.recording import Segment
+from echelon.identification.logs.preparation.choices import Signals, chosen
+from echelon.identification.logs.preparation.prepare import Preparation
+from echelon.identification.logs.recording import Segment
 from support.paths import EXAMPLES, ROOT
 
 RATE, COUNT = 500.0, 6000

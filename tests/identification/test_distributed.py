@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from echelon.errors import InputError
 from echelon.identification.cluster import connect, each, tree
 from echelon.identification.identify import identify
 from echelon.identification.result import Identification
-from echelon.results.identified import identification_to_json
+from echelon.identification.saved.identified import identification_to_json
+from echelon.shared.errors import InputError
 from support.paths import TESTS
 from support.pendulum_logs import pendulum, write_logs
 from support.selection import slow_unless

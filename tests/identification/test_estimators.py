@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import ROUNDING, Estimate, solved
 from echelon.identification.estimators.least_squares import (
@@ -20,6 +19,7 @@ from echelon.identification.estimators.least_squares import (
     ols,
     wls,
 )
+from echelon.shared.errors import InputError
 from support.estimation_problems import (
     METHODS,
     NOISE,

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.least_squares import huber, irls, ols
+from echelon.shared.errors import InputError
 from support.estimation_problems import METHODS, dense, line, serial
 from support.observation_rows import ArrayRows
 

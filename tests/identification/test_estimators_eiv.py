@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.least_squares import irls, ols
 from echelon.identification.rows.rows import RowStream
+from echelon.shared.errors import InputError
 from support.estimation_problems import (
     NOISE,
     TRUTH,

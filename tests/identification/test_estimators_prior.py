@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import (
     Estimate,
@@ -24,6 +23,7 @@ from echelon.identification.estimators.least_squares import (
     ols,
 )
 from echelon.identification.estimators.ridge import ridge
+from echelon.shared.errors import InputError
 from support.estimation_problems import (
     TRUTH,
     Floats,

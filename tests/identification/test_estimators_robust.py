@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from echelon.errors import InputError
 from echelon.identification.estimators.least_squares import gaussian_square, huber, irls
+from echelon.shared.errors import InputError
 from support.estimation_problems import NOISE, TRUTH, assert_same, dense, line, serial
 from support.observation_rows import ArrayRows
 

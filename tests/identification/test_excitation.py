@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.identification.conditioning import conditioning, sensitivities
 from echelon.identification.estimators.estimate import sparse_basis
-from echelon.mechanism.effect import Side, ready_made
+from echelon.robot.effect import Side, ready_made
 from support.linkages import four_bar
 from support.observation_rows import ArrayRows
 from support.textbook_arms import double_pendulum, spherical

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.errors import InputError
 from echelon.identification.physics.bounds import Roles, roles
 from echelon.identification.physics.feasibility import (
     feasibility,
     nearest_physical,
     sizes_of,
 )
+from echelon.shared.errors import InputError
 from support.physical_robots import is_physical, robot
 
 seeds = st.integers(0, 2**32 - 1)

@@ -18,13 +18,13 @@ from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge
 from echelon.identification.judge.readings import Readings
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.recording import Samples
 from echelon.identification.payload import JoinedRows, Payload, loaded_rows, with_zeros
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.recording import Samples
-from echelon.mechanism.effect import Side, ready_made
-from echelon.mechanism.joint import translation
-from echelon.setup.setup import Setup
+from echelon.identification.setup.setup import Setup
+from echelon.robot.effect import Side, ready_made
+from echelon.robot.joint import translation
 from support.descriptions import read_description
 from support.observation_rows import ArrayRows
 from support.paths import EXAMPLES

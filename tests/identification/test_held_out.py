@@ -10,7 +10,7 @@ import pytest
 
 from echelon.identification.judge.evidence import BLOCKS, OutputRows, Products, States
 from echelon.identification.judge.held_out import Beside, HeldOut
-from echelon.logs.recording import Samples
+from echelon.identification.logs.recording import Samples
 
 Floats = npt.NDArray[np.float64]
 

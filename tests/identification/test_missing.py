@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.logs.finding import Finding
+from echelon.identification.logs.finding import Finding
 from support.simulated_models import Drive, Part
 from support.simulated_motions import RATE, fourier
 from support.simulated_systems import SYSTEMS, motion_of

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.identification import identify as job
 from echelon.identification.judge.mounting import standing
-from echelon.logs.finding import Finding
+from echelon.identification.logs.finding import Finding
+from echelon.shared.errors import InputError
 from support.paths import ROOT
 from support.swinging_arm import ARM, swinging
 

@@ -11,10 +11,10 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.identification.identify import _bounds
 from echelon.identification.physics.fit import physical_fit
-from echelon.inertia import pseudo_inertia
+from echelon.robot.inertia import pseudo_inertia
+from echelon.shared.errors import InputError
 from support.physical_robots import bounds_of, model, observed, robot
 
 PANDA = Path("examples/panda.yaml")

@@ -9,10 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from echelon.errors import InputError
 from echelon.identification.physics.bounds import Bounds, Roles
 from echelon.identification.physics.fit import physical_fit
-from echelon.inertia import divergence, factor, from_pseudo_inertia, pseudo_inertia
+from echelon.robot.inertia import (
+    divergence,
+    factor,
+    from_pseudo_inertia,
+    pseudo_inertia,
+)
+from echelon.shared.errors import InputError
 from support.physical_robots import is_physical, model, observed, robot
 
 

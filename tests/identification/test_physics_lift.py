@@ -9,9 +9,9 @@ import pytest
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.errors import InputError
 from echelon.identification.physics.bounds import roles
 from echelon.identification.physics.feasibility import physical_lift
+from echelon.shared.errors import InputError
 from support.physical_robots import is_physical, model, robot
 
 SETUPS = {

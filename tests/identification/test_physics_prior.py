@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.errors import InputError
 from echelon.identification.physics.prior_information import prior_from
-from echelon.mechanism.joint import GROUND, Body, Joint, Placement, merge, rotation
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.joint import GROUND, Body, Joint, Placement, merge, rotation
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support import textbook_arms as arms
 from support.measured_logs import measured
 from support.physical_robots import body_of_points, is_physical, states

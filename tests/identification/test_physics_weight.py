@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.errors import InputError
 from echelon.identification.physics.fit import CANDIDATES, by_stretches, physical_fit
 from echelon.identification.physics.prior_information import reference
+from echelon.shared.errors import InputError
 from support.physical_robots import is_physical, model, observed, robot
 
 

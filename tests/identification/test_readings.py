@@ -20,9 +20,9 @@ from echelon.identification.judge.judge import Judge, Judged
 from echelon.identification.judge.knobs import turned
 from echelon.identification.judge.readings import Readings
 from echelon.identification.judge.units import common_unit
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.recording import Samples
 from support.selection import slow_unless
 from support.simulated_models import Floats
 from support.simulated_motions import RATE, fourier

@@ -18,8 +18,8 @@ from echelon.identification.identify import identify
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.scores import Validation
+from echelon.identification.setup.setup import Setup, load_setup
 from echelon.identification.validation import validated
-from echelon.setup.setup import Setup, load_setup
 from support.measured_logs import measured
 from support.paths import EXAMPLES, TESTS
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.identification.logs.recording import Segment
 from echelon.identification.servos.output_error import OutputErrorProblem
 from echelon.identification.servos.servo_fit import ServoScore, scale_groups
 from echelon.identification.servos.servo_limits import Limits
 from echelon.identification.servos.servo_motion import ServoMotion, Windows, smooth
 from echelon.identification.servos.servo_start import positive_parameters, servo_joints
-from echelon.logs.recording import Segment
 from support import servo_arms
 from support.command_line import run
 from support.paths import EXAMPLES

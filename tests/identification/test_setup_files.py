@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
-from echelon.logs.columns.column_map import Channel
-from echelon.setup.setup import Setup, load_setup
+from echelon.identification.logs.columns.column_map import Channel
+from echelon.identification.setup.setup import Setup, load_setup
 from support.paths import ROOT
 
 EXAMPLES = sorted(

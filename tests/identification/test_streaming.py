@@ -15,19 +15,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.errors import InputError
+from echelon.compute.observe.triangle import upper_triangle
 from echelon.identification.batches import BATCHES, Batcher, grouped, total
 from echelon.identification.estimators.covariance import clustered, clustered_by
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.identify import identify
+from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.passes_over_data import PassesOverData, ingest, size_of
 from echelon.identification.result import Identification
 from echelon.identification.rows import plan as model_plan
 from echelon.identification.rows import rows as model_rows
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import prefetched
-from echelon.logs.preparation.prepare import Preparation
-from echelon.observe.triangle import upper_triangle
+from echelon.shared.errors import InputError
 from support.paths import TESTS
 from support.pendulum_logs import PREPARATION, pendulum, write_log, write_logs
 

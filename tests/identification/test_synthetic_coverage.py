@@ -20,14 +20,14 @@ from scipy.signal import lfilter
 from scipy.stats import binom
 
 from echelon.base.model import BaseModel
+from echelon.compute.observe.observation import Layout, Observation
 from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import irls, ols
 from echelon.identification.identify import identify
+from echelon.identification.logs.preparation.prepare import Preparation, prepare
+from echelon.identification.logs.recording import Segment
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.preparation.prepare import Preparation, prepare
-from echelon.logs.recording import Segment
-from echelon.observe.observation import Layout, Observation
 from support.observation_rows import ArrayRows
 from support.selection import slow_unless
 from support.simulated_robots import System

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echelon.errors import InputError
 from echelon.identification.identify import identify
+from echelon.identification.logs.finding import Finding
 from echelon.identification.result import Identification
-from echelon.logs.finding import Finding
+from echelon.shared.errors import InputError
 from support.selection import slow_unless
 from support.simulated_models import Floats
 from support.simulated_motions import RATE, fourier

@@ -15,6 +15,8 @@ from scipy.stats import chi2, kstest
 
 import echelon as ec
 from echelon.identification.autocorrelation import Correlations, CorrelationSums
+from echelon.identification.logs.preparation.prepare import Preparation
+from echelon.identification.logs.recording import Samples
 from echelon.identification.result import fitted_ranges
 from echelon.identification.rows.plan import split
 from echelon.identification.rows.rows import ModelRows
@@ -31,8 +33,6 @@ from echelon.identification.scores import (
 from echelon.identification.traces import TraceKeeper, thinned
 from echelon.identification.validation import validated
 from echelon.identification.verdict import overall_verdict, pooled, verdict
-from echelon.logs.preparation.prepare import Preparation
-from echelon.logs.recording import Samples
 from support.observation_rows import ArrayRows, fit_of, judged_rows
 
 

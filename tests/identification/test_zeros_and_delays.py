@@ -17,8 +17,8 @@ from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
 from echelon.identification.judge.mounting import free_gravity
 from echelon.identification.judge.readings import Readings
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.recording import Samples
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.recording import Samples
 from support.simulated_models import Floats
 from support.simulated_motions import RATE, fourier
 from support.swinging_arm import ARM, swinging

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.exact.polynomial import Polynomial
-from echelon.inertia import (
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.robot.inertia import (
     CONVENTIONS,
     convention,
     frame_change,

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.errors import InputError
-from echelon.inertia import (
+from echelon.robot.inertia import (
     divergence,
     factor,
     margins,
     move,
     pseudo_inertia,
 )
+from echelon.shared.errors import InputError
 from support.physical_robots import body_of_points, is_physical
 
 seeds = st.integers(0, 2**32 - 1)

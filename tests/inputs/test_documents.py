@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from echelon.errors import InputError
-from echelon.inputs import DEPTH, Limit, parse_json, parse_xml, parse_yaml
+from echelon.shared.errors import InputError
+from echelon.shared.inputs import DEPTH, Limit, parse_json, parse_xml, parse_yaml
 
 
 def test_a_limit_is_the_largest_number() -> None:

@@ -19,10 +19,11 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.claims.reading import read_claims
-from echelon.errors import InputError
+from echelon.base.audit.reading import read_claims
 from echelon.excite.files.trajectory_file import read_trajectory
-from echelon.inputs import (
+from echelon.identification.logs.files.open_log import open_log, read_table
+from echelon.shared.errors import InputError
+from echelon.shared.inputs import (
     COLUMNS,
     DEPTH,
     LIMITS,
@@ -32,7 +33,6 @@ from echelon.inputs import (
     parse_xml,
     parse_yaml,
 )
-from echelon.logs.files.open_log import open_log, read_table
 from fuzz.child import run_alone
 from support.paths import ROOT
 from support.selection import slow_unless
@@ -415,7 +415,7 @@ def test_tables_of_bags_are_not_computed(change: str, tmp_path: Path) -> None:
 
 
 def test_every_limit_is_documented() -> None:
-    import echelon.inputs as module
+    import echelon.shared.inputs as module
 
     declared = [value for value in vars(module).values() if isinstance(value, Limit)]
     assert set(declared) == set(LIMITS)

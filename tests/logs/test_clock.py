@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import echelon as ec
-from echelon.logs.finding import Finding
-from echelon.logs.preparation.segments import FEWEST, segments
-from echelon.logs.recording import Recording
-from echelon.signals.clock import (
+from echelon.identification.logs.finding import Finding
+from echelon.identification.logs.preparation.segments import FEWEST, segments
+from echelon.identification.logs.recording import Recording
+from echelon.identification.signals.clock import (
     grid,
     interpolated,
     low_passed,

@@ -12,10 +12,10 @@ import numpy.typing as npt
 import pytest
 import scipy.io
 
-from echelon.errors import InputError
-from echelon.logs.files.mat_file import MatFile, check_elements
-from echelon.logs.files.numpy_file import NpzFile
-from echelon.logs.files.open_log import open_log, read_table
+from echelon.identification.logs.files.mat_file import MatFile, check_elements
+from echelon.identification.logs.files.numpy_file import NpzFile
+from echelon.identification.logs.files.open_log import open_log, read_table
+from echelon.shared.errors import InputError
 from support.log_tables import joined, same
 
 RANDOM = np.random.default_rng(5)

@@ -18,10 +18,10 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from echelon.errors import InputError, MissingExtraError
-from echelon.logs.files.bag_file import BagFile
-from echelon.logs.files.log_file import Table
-from echelon.logs.files.open_log import log_paths, open_log, read_table
+from echelon.identification.logs.files.bag_file import BagFile
+from echelon.identification.logs.files.log_file import Table
+from echelon.identification.logs.files.open_log import log_paths, open_log, read_table
+from echelon.shared.errors import InputError, MissingExtraError
 
 START = 1_700_000_000_123_456_789
 STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -9,9 +9,9 @@ import pytest
 
 import echelon as ec
 from echelon.formats.robot_file import load
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.columns.conversion import needed_columns, recording
-from echelon.logs.files.log_file import Table
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.columns.conversion import needed_columns, recording
+from echelon.identification.logs.files.log_file import Table
 from support.column_maps import PENDULUM, channels, random_columns
 
 GRIPPER = load("examples/gripper_coupled.yaml")

@@ -10,10 +10,10 @@ import numpy.typing as npt
 import pytest
 
 import echelon as ec
-from echelon.logs.faults.examine import examine
-from echelon.logs.faults.plausibility import contradictions
-from echelon.logs.faults.repeated_values import pinned
-from echelon.logs.recording import Recording
+from echelon.identification.logs.faults.examine import examine
+from echelon.identification.logs.faults.plausibility import contradictions
+from echelon.identification.logs.faults.repeated_values import pinned
+from echelon.identification.logs.recording import Recording
 from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
 from support.robot_files import robot_file
 from support.trap_logs import ROBOTS, arm

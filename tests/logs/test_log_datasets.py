@@ -15,9 +15,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from echelon.errors import InputError
-from echelon.logs.files.numpy_file import MemoryLog
-from echelon.logs.files.open_log import log_paths, open_log, read_table
+from echelon.identification.logs.files.numpy_file import MemoryLog
+from echelon.identification.logs.files.open_log import log_paths, open_log, read_table
+from echelon.shared.errors import InputError
 from support.log_tables import same
 
 JOINTS = ("shoulder_pan", "elbow_flex")

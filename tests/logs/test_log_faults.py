@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.formats.robot_file import load
-from echelon.logs.faults.examine import examine
-from echelon.logs.faults.plausibility import check_plausible
-from echelon.logs.faults.repeated_values import runs
-from echelon.logs.finding import Severity
-from echelon.logs.preparation.segments import segments
-from echelon.logs.recording import Recording
+from echelon.identification.logs.faults.examine import examine
+from echelon.identification.logs.faults.plausibility import check_plausible
+from echelon.identification.logs.faults.repeated_values import runs
+from echelon.identification.logs.finding import Severity
+from echelon.identification.logs.preparation.segments import segments
+from echelon.identification.logs.recording import Recording
 from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
 
 TREE = load("examples/floating_tree.yaml")

@@ -20,9 +20,9 @@ import pyarrow.parquet as pq
 import pytest
 import scipy.io
 
-from echelon.errors import InputError, MissingExtraError
-from echelon.logs.files.open_log import log_paths, open_log, read_table
-from echelon.logs.files.parquet_file import ParquetFile
+from echelon.identification.logs.files.open_log import log_paths, open_log, read_table
+from echelon.identification.logs.files.parquet_file import ParquetFile
+from echelon.shared.errors import InputError, MissingExtraError
 from support.log_tables import joined, same, text
 from support.measured_logs import measured
 
@@ -288,7 +288,7 @@ def test_parquet_without_rows_or_numbers(tmp_path: Path) -> None:
 
 def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "run.parquet")
-    monkeypatch.delitem(sys.modules, "echelon.logs.files.parquet_file")
+    monkeypatch.delitem(sys.modules, "echelon.identification.logs.files.parquet_file")
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(
         MissingExtraError, match=r"pyarrow.*echelon-robotics\[identify\]"

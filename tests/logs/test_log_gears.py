@@ -10,9 +10,9 @@ import pytest
 
 import echelon as ec
 from echelon.formats.robot_file import load
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.columns.conversion import recording
-from echelon.logs.files.log_file import Table
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.columns.conversion import recording
+from echelon.identification.logs.files.log_file import Table
 from support.column_maps import MOTORS, TX40, Floats, N, channels, random_columns
 
 COUPLED = load("examples/coupled_arm.yaml")

@@ -9,11 +9,11 @@ import numpy.typing as npt
 import pytest
 
 import echelon as ec
-from echelon.logs.columns.column_map import Channel
-from echelon.logs.columns.column_names import meaning
-from echelon.logs.columns.conversion import recording
-from echelon.logs.columns.magnitudes import with_units
-from echelon.logs.files.log_file import Table
+from echelon.identification.logs.columns.column_map import Channel
+from echelon.identification.logs.columns.column_names import meaning
+from echelon.identification.logs.columns.conversion import recording
+from echelon.identification.logs.columns.magnitudes import with_units
+from echelon.identification.logs.files.log_file import Table
 from support.column_maps import MOTORS, PENDULUM, TX40, guess_columns, random_columns
 
 Floats = npt.NDArray[np.float64]

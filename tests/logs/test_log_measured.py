@@ -14,11 +14,11 @@ from pyarrow import parquet
 
 import echelon as ec
 from echelon.formats.robot_file import load
-from echelon.logs.columns.conversion import recording
-from echelon.logs.faults.examine import examine
-from echelon.logs.faults.plausibility import check_plausible
-from echelon.logs.files.log_file import Table
-from echelon.logs.preparation.segments import segments
+from echelon.identification.logs.columns.conversion import recording
+from echelon.identification.logs.faults.examine import examine
+from echelon.identification.logs.faults.plausibility import check_plausible
+from echelon.identification.logs.files.log_file import Table
+from echelon.identification.logs.preparation.segments import segments
 from support.column_maps import PENDULUM, TX40, Floats, N, guess_columns
 from support.measured_logs import ELSEWHERE, SHIPPED, absent, measured
 

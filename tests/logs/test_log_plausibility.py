@@ -10,9 +10,12 @@ import pytest
 
 import echelon as ec
 from echelon.formats.robot_file import load
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.faults.plausibility import check_plausible, surplus_columns
-from echelon.logs.recording import Recording
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.faults.plausibility import (
+    check_plausible,
+    surplus_columns,
+)
+from echelon.identification.logs.recording import Recording
 from support.column_maps import channels
 from support.faulty_logs import ARM, RATE, changed, clean
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from echelon.logs.faults.examine import examine
-from echelon.logs.faults.repeated_values import resolution, stuck
-from echelon.logs.finding import Severity
-from echelon.logs.recording import Recording
+from echelon.identification.logs.faults.examine import examine
+from echelon.identification.logs.faults.repeated_values import resolution, stuck
+from echelon.identification.logs.finding import Severity
+from echelon.identification.logs.recording import Recording
 from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
 
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from echelon.errors import InputError
-from echelon.logs.files.csv_file import CsvFile
-from echelon.logs.files.open_log import read_table
+from echelon.identification.logs.files.csv_file import CsvFile
+from echelon.identification.logs.files.open_log import read_table
+from echelon.shared.errors import InputError
 from support.log_tables import joined, same, text
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.columns.conversion import recording
-from echelon.logs.files.log_file import Table
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.columns.conversion import recording
+from echelon.identification.logs.files.log_file import Table
 from support.column_maps import PENDULUM, channels
 
 

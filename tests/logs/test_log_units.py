@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.logs.units import factor
+from echelon.identification.logs.units import factor
 
 G = 9.80665
 FACTORS = [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.logs.faults.lost_rows import with_lost_rows
-from echelon.logs.recording import Recording
+from echelon.identification.logs.faults.lost_rows import with_lost_rows
+from echelon.identification.logs.recording import Recording
 from support.simulated_motions import RATE, fourier
 
 JOINTS = 4

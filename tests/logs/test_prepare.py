@@ -10,16 +10,16 @@ from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
 import echelon as ec
-from echelon.errors import InputError
-from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.preparation.prepare import (
+from echelon.identification.logs.preparation.choices import Signals, chosen
+from echelon.identification.logs.preparation.prepare import (
     Preparation,
     PreparationPlan,
     has_dry_friction,
     prepare,
     speed_rows,
 )
-from echelon.logs.recording import Segment
+from echelon.identification.logs.recording import Segment
+from echelon.shared.errors import InputError
 from support.measured_logs import measured
 from support.paths import ROOT
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.errors import InputError
-from echelon.machine.kernel import Kernel
+from echelon.compute.machine.kernel import Kernel
+from echelon.shared.errors import InputError
 from support.small_kernels import FloatArray, function, same_bits
 
 SAMPLES = 21

@@ -8,14 +8,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from echelon.errors import InputError
-from echelon.machine import kernel as kernel_module
-from echelon.machine.kernel import Kernel
-from echelon.machine.operations_text import Vector, lowered
-from echelon.machine.rows_text import Way, rows_of
-from echelon.machine.target import Target, host
-from echelon.program.function import Argument, Function
-from echelon.program.tape import Program, Scalar
+from echelon.algebra.program.function import Argument, Function
+from echelon.algebra.program.tape import Program, Scalar
+from echelon.compute.machine import kernel as kernel_module
+from echelon.compute.machine.kernel import Kernel
+from echelon.compute.machine.operations_text import Vector, lowered
+from echelon.compute.machine.rows_text import Way, rows_of
+from echelon.compute.machine.target import Target, host
+from echelon.shared.errors import InputError
 from support.small_kernels import (
     LANES,
     Fences,

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echelon.errors import EchelonError
-from echelon.machine import kernel as kernel_module
-from echelon.machine import target
-from echelon.machine.kernel import Kernel
-from echelon.machine.target import Target, host, object_code
+from echelon.compute.machine import kernel as kernel_module
+from echelon.compute.machine import target
+from echelon.compute.machine.kernel import Kernel
+from echelon.compute.machine.target import Target, host, object_code
+from echelon.shared.errors import EchelonError
 from support.small_kernels import function
 
 posix = pytest.mark.skipif(

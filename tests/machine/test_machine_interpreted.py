@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.errors import SlowWarning
-from echelon.machine import kernel
-from echelon.machine.kernel import Columns, Kernel, batch
-from echelon.program.tape import Scalar
+from echelon.algebra.program.tape import Scalar
+from echelon.compute.machine import kernel
+from echelon.compute.machine.kernel import Columns, Kernel, batch
+from echelon.shared.errors import SlowWarning
 from support.small_kernels import function
 
 SAMPLES = 1000

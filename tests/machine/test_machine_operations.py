@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from echelon.machine.kernel import Kernel
-from echelon.machine.operations_text import LARGEST_ANGLE
-from echelon.machine.target import Target, host
-from echelon.program.function import Function
-from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.tape import Scalar
+from echelon.algebra.program.function import Function
+from echelon.algebra.program.operations import FUNCTIONS, Op
+from echelon.algebra.program.tape import Scalar
+from echelon.compute.machine.kernel import Kernel
+from echelon.compute.machine.operations_text import LARGEST_ANGLE
+from echelon.compute.machine.target import Target, host
 from support.small_kernels import LANES, FloatArray, by_numpy, function, same_bits
 
 SPECIAL = np.array(

@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 import echelon as ec
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import inverse_dynamics_regressor
 from echelon.formats.snapping import ReadingOptions
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import inverse_dynamics_regressor
 from support.descriptions import read_description
 from support.paths import ROOT
 

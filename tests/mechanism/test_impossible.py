@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 import echelon as ec
-from echelon.inertia import from_pseudo_inertia, move
-from echelon.mechanism.impossible import impossibility
+from echelon.robot.impossible import impossibility
+from echelon.robot.inertia import from_pseudo_inertia, move
 from support.command_line import run
 
 HIP = """<robot name="negative_hip">

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from echelon.exact.expressions import parse_angle
-from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.joint import (
+from echelon.algebra.exact.expressions import parse_angle
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.robot.joint import (
     Step,
     ball,
     rotation,
@@ -24,7 +24,7 @@ from echelon.mechanism.joint import (
     translation,
     turn,
 )
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support import textbook_arms as arms
 from support.float_regressor import float_regressor, random_states
 

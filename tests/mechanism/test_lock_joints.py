@@ -14,9 +14,9 @@ import pytest
 
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
-from echelon.errors import InputError
-from echelon.mechanism.lock_joints import lock_joints
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.lock_joints import lock_joints
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import InputError
 from support.excitation_cases import Floats
 from support.float_regressor import float_regressor, random_states
 from support.paths import EXAMPLES

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import echelon as ec
-from echelon.mechanism.motor_side import joint_side, transmission_matrix
+from echelon.robot.motor_side import joint_side, transmission_matrix
 from support.paths import EXAMPLES
 
 RNG = np.random.default_rng(0)

@@ -8,9 +8,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.substitute import substituted
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.substitute import substituted
 from support import linkages
 from support import textbook_arms as arms
 from support.float_regressor import float_regressor, random_states

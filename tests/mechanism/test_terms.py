@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.identification.logs.preparation.prepare import has_dry_friction
 from echelon.identification.physics.bounds import roles
 from echelon.identification.servos.servo_motion import smooth
-from echelon.logs.preparation.prepare import has_dry_friction
-from echelon.mechanism import effect
-from echelon.mechanism.effect import (
+from echelon.robot import effect
+from echelon.robot.effect import (
     CONSTANTS,
     KINDS,
     Action,
@@ -22,8 +22,8 @@ from echelon.mechanism.effect import (
     Side,
     ready_made,
 )
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.term import read_term
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.term import read_term
 from support.pendulum_logs import RATE, pendulum
 
 TERMS = {

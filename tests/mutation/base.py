@@ -78,7 +78,7 @@ FAULTS = (
         "base/test_certificate.py",
     ),
     Fault(
-        "exact/field.py",
+        "algebra/exact/field.py",
         "total[pivot] + addend if pivot in total else addend",
         "addend",
         "sums in X̄ B",
@@ -120,7 +120,7 @@ FAULTS = (
         "base/test_lift.py",
     ),
     Fault(
-        "exact/polynomial.py",
+        "algebra/exact/polynomial.py",
         "[0 if generator.startswith('cos(') else 1]",
         "[1 if generator.startswith('cos(') else 0]",
         "cosines and sines of B",

@@ -2,8 +2,8 @@
 
 from mutation.fault import Fault
 
-FIELD, NUMBERS = "exact/field.py", "exact/polynomial.py"
-RATIONAL, EXPRESSIONS = "exact/rational.py", "exact/expressions.py"
+FIELD, NUMBERS = "algebra/exact/field.py", "algebra/exact/polynomial.py"
+RATIONAL, EXPRESSIONS = "algebra/exact/rational.py", "algebra/exact/expressions.py"
 
 FAULTS = (
     Fault(
@@ -91,14 +91,14 @@ FAULTS = (
         "exact/test_numbers.py::test_field_axioms",
     ),
     Fault(
-        "exact/polynomial.py",
+        "algebra/exact/polynomial.py",
         "rest.get(partner, 0) + 2",
         "rest.get(partner, 0) + 1",
         "sin² = 1 − cos",
         "exact/test_polynomial.py::test_evaluation_on_the_circle_is_a_homomorphism",
     ),
     Fault(
-        "exact/polynomial.py",
+        "algebra/exact/polynomial.py",
         "(m, -f) for m, f",
         "(m, f) for m, f",
         "sin² = 1 + cos²",
@@ -112,42 +112,42 @@ FAULTS = (
         "exact/test_rational.py::test_field_axioms",
     ),
     Fault(
-        "exact/ring.py",
+        "algebra/exact/ring.py",
         "a * a - b * b * square",
         "a * a + b * b * square",
         "denominators with roots and sines",
         "exact/test_rational.py::test_a_quotient_that_is_a_polynomial_becomes_one",
     ),
     Fault(
-        "exact/ring.py",
+        "algebra/exact/ring.py",
         "scale = inverse(lead)",
         "scale = lead",
         "normalised denominators",
         "exact/test_rational.py::test_lowest_terms_agree_with_sympy",
     ),
     Fault(
-        "exact/field.py",
+        "algebra/exact/field.py",
         "= field.p - value",
         "= value",
         "signs of null vectors",
         "exact/test_field.py::test_null_vectors",
     ),
     Fault(
-        "exact/field.py",
+        "algebra/exact/field.py",
         "if table[:, unknowns:, unknowns:].any():",
         "if table[:, unknowns:, :unknowns].any():",
         "surplus equations are not looked at",
         "exact/test_field.py::test_one_bad_system_spoils_the_batch",
     ),
     Fault(
-        "exact/interpolation.py",
+        "algebra/exact/interpolation.py",
         "(residue - value) * pow",
         "(value - residue) * pow",
         "Chinese remainders",
         "exact/test_interpolation.py::test_chinese_remainders_agree_with_sympy",
     ),
     Fault(
-        "exact/interpolation.py",
+        "algebra/exact/interpolation.py",
         "height << _MARGIN_BITS > modulus",
         "height > modulus",
         "any fraction is believed",
@@ -175,7 +175,7 @@ FAULTS = (
         "exact/test_expressions.py::test_meaning",
     ),
     Fault(
-        "exact/ring.py",
+        "algebra/exact/ring.py",
         "total *= scale ** exponent",
         "total *= scale",
         "constants of repeated factors",

@@ -53,7 +53,7 @@ FAULTS = (
         "formats/test_urdf.py::test_fixed_links_are_lumped_or_kept",
     ),
     Fault(
-        "inertia.py",
+        "robot/inertia.py",
         "2 * (x * y - w * z)",
         "2 * (x * y + w * z)",
         "quaternions",

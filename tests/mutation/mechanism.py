@@ -2,7 +2,7 @@
 
 from mutation.fault import Fault
 
-JOINT, SUBSTITUTE = "mechanism/joint.py", "mechanism/substitute.py"
+JOINT, SUBSTITUTE = "robot/joint.py", "robot/substitute.py"
 JOINTS = "mechanism/test_joints.py formats/test_description_geometry.py"
 
 FAULTS = (
@@ -39,14 +39,14 @@ FAULTS = (
         JOINTS,
     ),
     Fault(
-        "exact/rational.py",
+        "algebra/exact/rational.py",
         "a - factor * b for",
         "a + factor * b for",
         "inverse of a transmission",
         "base/test_sensors.py::test_torques_follow_the_transmission",
     ),
     Fault(
-        "mechanism/motor_side.py",
+        "robot/motor_side.py",
         "np.linalg.solve(matrix,",
         "np.linalg.solve(matrix.T,",
         "positions on the motor's side",
@@ -67,14 +67,14 @@ FAULTS = (
         "mechanism/test_substitute.py",
     ),
     Fault(
-        "mechanism/lock_joints.py",
+        "robot/lock_joints.py",
         "moved_by(motion, as_polynomial(cosine), as_polynomial(sine)",
         "moved_by(motion, as_polynomial(cosine), as_polynomial(-sine)",
         "sense of held angles",
         "mechanism/test_lock_joints.py::test_remaining_joints_are_those_of_the_reduced_model",
     ),
     Fault(
-        "mechanism/stated.py",
+        "robot/stated.py",
         "return Fraction(gcd(*(int(v * denominator) for v in present)), denominator)",
         "return Fraction(1, 10)",
         "the unit of decimal angles",

@@ -3,11 +3,11 @@
 from mutation.fault import Fault
 
 TAPE, SLOPES, BOUNDS = (
-    "program/tape.py",
-    "program/derivatives.py",
-    "program/intervals.py",
+    "algebra/program/tape.py",
+    "algebra/program/derivatives.py",
+    "algebra/program/intervals.py",
 )
-REWRITING, SCHEDULE = "program/rewriting.py", "program/schedule.py"
+REWRITING, SCHEDULE = "algebra/program/rewriting.py", "algebra/program/schedule.py"
 
 FAULTS = (
     Fault(
@@ -39,7 +39,7 @@ FAULTS = (
         "program/test_tape.py::test_recording_keeps_the_value",
     ),
     Fault(
-        "program/operations.py",
+        "algebra/program/operations.py",
         "return value * sign",
         "return value",
         "|constant|",
@@ -123,14 +123,14 @@ FAULTS = (
         "excite/test_state_limits.py::test_smoothed_torques_differ_near_standstill_only",
     ),
     Fault(
-        "program/text.py",
+        "algebra/program/text.py",
         "s * cosine + c * sine",
         "s * cosine - c * sine",
         "sines of turned angles",
         "program/test_sympy_bridge.py::test_there_and_back",
     ),
     Fault(
-        "program/tape.py",
+        "algebra/program/tape.py",
         "return total if number >= 0 else 1 / total",
         "return total",
         "negative powers",
@@ -151,14 +151,14 @@ FAULTS = (
         "program/test_schedule.py::test_residues_are_those_of_the_exact_value",
     ),
     Fault(
-        "program/schedule.py",
+        "algebra/program/schedule.py",
         "max(a.degree + b.below, b.degree + a.below)",
         "max(a.degree, b.degree)",
         "degree that the certificate's bound rests on",
         "program/test_schedule.py",
     ),
     Fault(
-        "program/schedule.py",
+        "algebra/program/schedule.py",
         "+ (power - b.power) * scale",
         "",
         "size of coefficients that the certificate's bound rests on",

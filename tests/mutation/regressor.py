@@ -2,13 +2,13 @@
 
 from mutation.fault import Fault
 
-SPATIAL, ENERGY = "mechanism/steps.py", "regressor/linear_forms.py"
+SPATIAL, ENERGY = "robot/steps.py", "dynamics/linear_forms.py"
 POWER, PROBES, BALLS = (
-    "regressor/linear_forms.py",
-    "mechanism/steps.py",
+    "dynamics/linear_forms.py",
+    "robot/steps.py",
     "loops/closed_balls.py",
 )
-AXES, JOINTS = "mechanism/joint.py", "mechanism/test_joints.py"
+AXES, JOINTS = "robot/joint.py", "mechanism/test_joints.py"
 CLOSED = "regressor/test_closed_balls.py::test_states_are_closed"
 TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
 
@@ -35,7 +35,7 @@ FAULTS = (
         JOINTS,
     ),
     Fault(
-        "mechanism/joint.py",
+        "robot/joint.py",
         "((a, d, g), (b, e, h), (c, f, i))",
         "((a, b, c), (d, e, f), (g, h, i))",
         "no transpose",
@@ -99,7 +99,7 @@ FAULTS = (
         "regressor/test_linear_forms.py",
     ),
     Fault(
-        "mechanism/steps.py",
+        "robot/steps.py",
         "sum((c.rate[0] * r for c, r in known), zero)",
         "sum((c.rate[0] for c, r in known), zero)",
         "speeds of motors",
@@ -120,7 +120,7 @@ FAULTS = (
         JOINTS,
     ),
     Fault(
-        "regressor/linear_forms.py",
+        "dynamics/linear_forms.py",
         "in enumerate(kept)}",
         "in enumerate(sorted(kept))}",
         "order of chosen columns",
@@ -140,9 +140,9 @@ FAULTS = (
         "frames of sensors",
         "base/test_sensors.py::test_force_and_torque_sensors_agree_with_mujoco",
     ),
-    Fault("mechanism/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
+    Fault("robot/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
     Fault(
-        "mechanism/steps.py",
+        "robot/steps.py",
         "position.sin() * motion.sign)",
         "position.sin())",
         "sense of a hinge",

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.errors import InputError
-from echelon.machine.target import host
-from echelon.observe.accumulate import Observer
+from echelon.compute.machine.target import host
+from echelon.compute.observe.accumulate import Observer
+from echelon.shared.errors import InputError
 from support.small_kernels import LANES, function
 from support.stated_regressors import SERIAL, data_of, observer, random_problem, table
 

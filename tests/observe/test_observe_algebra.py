@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.errors import InputError
-from echelon.observe.accumulate import Observer
-from echelon.observe.observation import Observation
+from echelon.compute.observe.accumulate import Observer
+from echelon.compute.observe.observation import Observation
+from echelon.shared.errors import InputError
 from support.stated_regressors import SERIAL, data_of, observer, random_problem
 
 

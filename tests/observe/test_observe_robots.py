@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.compute.machine.kernel import Kernel
+from echelon.compute.observe.accumulate import Observer
 from echelon.dynamics.functions import regressor
-from echelon.machine.kernel import Kernel
-from echelon.observe.accumulate import Observer
 from support.robot_files import robot_file
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from echelon.observe.triangle import ROWS, update_triangle, upper_triangle
+from echelon.compute.observe.triangle import ROWS, update_triangle, upper_triangle
 
 Floats = npt.NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import sympy
 
-from echelon.program.derivatives import derivatives
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program
-from echelon.program.text import record_expression
+from echelon.algebra.program.derivatives import derivatives
+from echelon.algebra.program.schedule import FloatArithmetic, Schedule
+from echelon.algebra.program.tape import Program
+from echelon.algebra.program.text import record_expression
 
 EXPRESSIONS = [
     "3*x - y + 2",

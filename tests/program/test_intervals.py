@@ -13,11 +13,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from echelon.errors import InputError
-from echelon.program.intervals import interval_values
-from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.rewriting import smoothed
-from echelon.program.tape import Program, Scalar
+from echelon.algebra.program.intervals import interval_values
+from echelon.algebra.program.operations import FUNCTIONS, Op
+from echelon.algebra.program.rewriting import smoothed
+from echelon.algebra.program.tape import Program, Scalar
+from echelon.shared.errors import InputError
 from support.excitation_cases import TRUTH, truth
 
 BINARY = ("add", "subtract", "multiply", "divide")

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from echelon.program.least_squares import LeastSquares
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program, Scalar
+from echelon.algebra.program.least_squares import LeastSquares
+from echelon.algebra.program.schedule import FloatArithmetic, Schedule
+from echelon.algebra.program.tape import Program, Scalar
 
 Floats = npt.NDArray[np.float64]
 NAMES = ("a", "b", "c", "d")

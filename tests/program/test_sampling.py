@@ -8,14 +8,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from echelon.algebra.exact.field import PrimeField, Residues
+from echelon.algebra.exact.polynomial import surd
+from echelon.algebra.program.sampling import sampler_of
+from echelon.algebra.program.schedule import FieldSampler
+from echelon.algebra.program.tape import Program, Scalar
 from echelon.base.structure import linear_structure
-from echelon.errors import DegenerateSampleError
-from echelon.exact.field import PrimeField, Residues
-from echelon.exact.polynomial import surd
-from echelon.program.sampling import sampler_of
-from echelon.program.schedule import FieldSampler
-from echelon.program.tape import Program, Scalar
-from echelon.regressor.linear_forms import LinearForms
+from echelon.dynamics.linear_forms import LinearForms
+from echelon.shared.errors import DegenerateSampleError
 from support.strategies import FIELDS, SMALL_FIELD
 
 Relation = Callable[[Program, Scalar, Scalar], Scalar]  # of states x and y

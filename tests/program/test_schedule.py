@@ -11,18 +11,18 @@ import pytest
 import sympy
 from hypothesis import assume, given
 
-from echelon.errors import DegenerateSampleError, EchelonError
-from echelon.exact.field import PrimeField
-from echelon.exact.polynomial import Number, surd
-from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.schedule import (
+from echelon.algebra.exact.field import PrimeField
+from echelon.algebra.exact.polynomial import Number, surd
+from echelon.algebra.program.operations import FUNCTIONS, Op
+from echelon.algebra.program.schedule import (
     FloatArithmetic,
     ModularArithmetic,
     Schedule,
     norm_bits,
     size_bound,
 )
-from echelon.program.tape import Program, Scalar
+from echelon.algebra.program.tape import Program, Scalar
+from echelon.shared.errors import DegenerateSampleError, EchelonError
 from support.strategies import FIELDS, SMALL_FIELD, calculate, formulas, numbers
 
 NAMES = ("x", "y", "z")

@@ -12,14 +12,14 @@ import sympy
 from hypothesis import assume, given
 from sympy import Abs, Rational, cos, exp, log, pi, sign, sin, sqrt, tan, tanh
 
+from echelon.algebra.exact.polynomial import Number
+from echelon.algebra.program.operations import FUNCTIONS
+from echelon.algebra.program.schedule import FloatArithmetic, Schedule
+from echelon.algebra.program.sympy_bridge import SUPPORTED, from_sympy, to_sympy
+from echelon.algebra.program.tape import Program, Scalar
 from echelon.base.structure import linear_structure
-from echelon.errors import InputError
-from echelon.exact.polynomial import Number
-from echelon.program.operations import FUNCTIONS
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.sympy_bridge import SUPPORTED, from_sympy, to_sympy
-from echelon.program.tape import Program, Scalar
-from echelon.regressor.linear_forms import LinearForms
+from echelon.dynamics.linear_forms import LinearForms
+from echelon.shared.errors import InputError
 from support.strategies import calculate, formulas, in_sympy, numbers
 
 x, y = sympy.symbols("x y")
@@ -235,7 +235,7 @@ def test_symbols_of_another_program_are_refused() -> None:
 
 
 def test_sympy_is_loaded_only_when_used() -> None:
-    script = "import sys, echelon.program.sympy_bridge; print('sympy' in sys.modules)"
+    script = "import sys, echelon.algebra.program.sympy_bridge; print('sympy' in sys.modules)"
     result = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from hypothesis import assume, given
 
-from echelon.errors import InputError
-from echelon.exact.expressions import parse
-from echelon.exact.polynomial import Number, surd
-from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.tape import Input, Program, Scalar
+from echelon.algebra.exact.expressions import parse
+from echelon.algebra.exact.polynomial import Number, surd
+from echelon.algebra.program.operations import FUNCTIONS, Op
+from echelon.algebra.program.tape import Input, Program, Scalar
+from echelon.shared.errors import InputError
 from support.strategies import calculate, formulas, numbers
 
 ROOT2 = surd(0, 1, 0, 0)

@@ -12,10 +12,10 @@ import sympy
 from hypothesis import assume, given
 
 import echelon as ec
-from echelon.errors import InputError
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program, Scalar
-from echelon.program.text import record_expression
+from echelon.algebra.program.schedule import FloatArithmetic, Schedule
+from echelon.algebra.program.tape import Program, Scalar
+from echelon.algebra.program.text import record_expression
+from echelon.shared.errors import InputError
 from support.strategies import calculate, formulas
 
 VALUES = {"x": 0.7, "y": 1.3, "qd[j5]": -0.4, "qd[left-knee]": 0.2, "qd[3]": 2.0}

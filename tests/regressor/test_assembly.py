@@ -11,16 +11,16 @@ import pytest
 import echelon as ec
 from echelon.base.display import to_text
 from echelon.base.reading_report import moved_to_close
+from echelon.base.saved.saved import from_json, to_json
+from echelon.dynamics.evaluate import evaluate_floats
 from echelon.dynamics.evaluator import ClosedStates
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.loops.assembly import Assembly
 from echelon.loops.closed_motion import ClosureValues, normalised, position_rates
 from echelon.loops.closing import close
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.joint import Placement, floating_motions
-from echelon.mechanism.mechanism import Cut, Mechanism
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import virtual_power_form
-from echelon.results.saved import from_json, to_json
+from echelon.robot.closure import ClosureKind
+from echelon.robot.joint import Placement, floating_motions
+from echelon.robot.mechanism import Cut, Mechanism
 from support import float_regressor as oracles
 from support import linkages
 from support import textbook_arms as arms

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.algebra.program.schedule import StagedSchedule
 from echelon.base.ball_rows import ball_rows
-from echelon.errors import DegenerateSampleError
+from echelon.base.saved.saved import from_json, to_json
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.formats.snapping import ReadingOptions
 from echelon.loops.assembly import Assembly
 from echelon.loops.closed_balls import closed_states
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values, value_texts
-from echelon.program.schedule import StagedSchedule
-from echelon.regressor.linear_forms import virtual_power_form
-from echelon.results.saved import from_json, to_json
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.stated import known_values, value_texts
+from echelon.shared.errors import DegenerateSampleError
 from support.descriptions import read_description
 from support.paths import ROOT
 

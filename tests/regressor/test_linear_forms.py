@@ -12,22 +12,22 @@ import pytest
 from hypothesis import given, settings
 
 import echelon as ec
+from echelon.algebra.exact.field import PrimeField, null_vectors
+from echelon.algebra.exact.rational import RationalFunction
 from echelon.base.certificate import certify
 from echelon.base.matrix import BaseMatrix
-from echelon.errors import CertificateError
-from echelon.exact.field import PrimeField, null_vectors
-from echelon.exact.rational import RationalFunction
-from echelon.mechanism.effect import Side, ready_made
-from echelon.mechanism.joint import floating_motions, rotation, translation
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor import linear_forms
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import (
+from echelon.dynamics import linear_forms
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import (
     blocks_of,
     energy_changes,
     energy_form,
     virtual_power_form,
 )
+from echelon.robot.effect import Side, ready_made
+from echelon.robot.joint import floating_motions, rotation, translation
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.errors import CertificateError
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms
 

@@ -10,7 +10,7 @@ import pytest
 
 import echelon as ec
 from echelon.loops.assembly import Assembly
-from echelon.mechanism.closed_pose import split_balls
+from echelon.robot.closed_pose import split_balls
 from support.closed_states import read
 from support.paths import ROOT
 from support.zoo import ZOO

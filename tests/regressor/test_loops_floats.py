@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.claims.audit import random_states
-from echelon.exact.polynomial import Polynomial
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.base.audit.audit import random_states
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.loops.assembly import Assembly
-from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.joint import GROUND, Placement
-from echelon.mechanism.mechanism import Actuator, Cut, Mechanism
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import virtual_power_form
+from echelon.robot.effect import Action, Effect, Side
+from echelon.robot.joint import GROUND, Placement
+from echelon.robot.mechanism import Actuator, Cut, Mechanism
 from support import linkages
 from support.closed_motion import completed, velocities
 from support.float_regressor import FloatArray

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.loops.assembly import Assembly
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import virtual_power_form
+from echelon.robot.mechanism import Mechanism
 from support.selection import one_in
 
 

@@ -11,7 +11,7 @@ import echelon as ec
 from echelon.base.structure import Structure, find_structure
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support.paths import ROOT
 from support.selection import slow_unless
 

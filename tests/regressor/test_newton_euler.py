@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.regressor.linear_forms import energy_form, virtual_power_form
+from echelon.algebra.program.schedule import FloatArithmetic, Schedule
+from echelon.dynamics.linear_forms import energy_form, virtual_power_form
+from echelon.robot.joint import MotionKind
+from echelon.robot.mechanism import Mechanism
 from support.float_regressor import (
     FloatArray,
     float_regressor,

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 import echelon as ec
+from echelon.base.saved.saved import to_json
 from echelon.cli.commands import app
-from echelon.results.saved import to_json
 from support.published_loops import ASSEMBLED, LOOPS, PUBLISHED, Published
 
 # parallelograms to sixteen digits, of which the oracle takes twelve, or to eight units of the last of six digits

@@ -14,7 +14,6 @@ import numpy.typing as npt
 import pytest
 
 import echelon as ec
-from echelon.errors import MissingExtraError
 from echelon.excite.excite import ExcitingTrajectory, MotionConditioning
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
@@ -22,6 +21,7 @@ from echelon.excite.verify import Margin
 from echelon.report.drawing import pose_at
 from echelon.report.page import plotly_source, significant
 from echelon.report.preview import TITLES, preview_html, scene
+from echelon.shared.errors import MissingExtraError
 from support.paths import EXAMPLES
 from support.preview_pages import broken, hostile, trajectory
 from support.report_data import Page

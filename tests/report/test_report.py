@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from scipy.signal import welch
 
 import echelon as ec
-from echelon.errors import MissingExtraError
 from echelon.identification.result import Identification
 from echelon.identification.scores import Trace, Validation
 from echelon.report.drawing import drawable_pose, drawing, pose_at, seen_bodies
@@ -31,6 +30,7 @@ from echelon.report.page import (
 )
 from echelon.report.report import TITLES, report_html
 from echelon.report.signals import envelope, payload, residual
+from echelon.shared.errors import MissingExtraError
 from support.paths import EXAMPLES
 from support.report_data import Page, bare, base_of, hostile, identification
 from support.textbook_poses import pose_of

@@ -8,17 +8,17 @@ from dataclasses import replace
 import pytest
 
 import echelon as ec
+from echelon.algebra.exact.expressions import parse
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.algebra.exact.rational import RationalFunction
 from echelon.base.certificate import Certificate, certify
 from echelon.base.derive import model_at_stated_values
 from echelon.base.matrix import StatedNumbers
-from echelon.exact.expressions import parse
-from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
+from echelon.base.saved.saved import from_json, to_json
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, value_texts
-from echelon.regressor.linear_forms import virtual_power_form
-from echelon.results.saved import from_json, to_json
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.stated import all_symbols, value_texts
 from support.descriptions import read_description
 
 ARM = """symbols: {l1: 0.5, alpha: 0.3, k: -1}

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 import echelon as ec
+from echelon.base.saved.echelon_verify import judge
+from echelon.base.saved.saved import to_json
 from echelon.formats.snapping import ReadingOptions
-from echelon.results.echelon_verify import judge
-from echelon.results.saved import to_json
 from support.descriptions import read_description
 from support.paths import ROOT
 from support.selection import one_in
@@ -291,7 +291,7 @@ def test_the_set_of_another_way_of_assembly_is_refuted() -> None:
 
 def test_it_has_its_own_closures(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fault that derivation and verification share passes both: here, forgotten gravity."""
-    from echelon.mechanism.steps import Recorder
+    from echelon.robot.steps import Recorder
 
     monkeypatch.setattr(Recorder, "gravity", lambda recorder: recorder.zeros)
     model = ec.base_parameters(

@@ -18,14 +18,14 @@ import pytest
 from hypothesis import given, settings
 
 import echelon as ec
-from echelon.exact.expressions import parse
-from echelon.exact.polynomial import float_generators
-from echelon.exact.rational import RationalFunction
+from echelon.algebra.exact.expressions import parse
+from echelon.algebra.exact.polynomial import float_generators
+from echelon.algebra.exact.rational import RationalFunction
+from echelon.base.saved import echelon_verify
+from echelon.base.saved.echelon_verify import judge
+from echelon.base.saved.saved import from_json, to_dict, to_json
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
-from echelon.results import echelon_verify
-from echelon.results.echelon_verify import judge
-from echelon.results.saved import from_json, to_dict, to_json
+from echelon.robot.mechanism import Mechanism
 from support import textbook_arms as arms
 from support.descriptions import read_description
 from support.forgeries import FORGERIES, Forged, forged
@@ -400,7 +400,7 @@ def test_it_can_be_read_in_half_an_hour() -> None:
 
 def test_it_has_its_own_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fault that derivation and verification share passes both: here, forgotten gravity."""
-    from echelon.mechanism.steps import Recorder
+    from echelon.robot.steps import Recorder
 
     monkeypatch.setattr(Recorder, "gravity", lambda recorder: recorder.zeros)
     model = ec.base_parameters(arms.double_pendulum())

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.algebra.exact.rational import RationalFunction
 from echelon.base.certificate import Certificate, certify
 from echelon.base.derive import model_at_stated_values
-from echelon.exact.rational import RationalFunction
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear_forms import virtual_power_form
-from echelon.results.saved import from_json, to_json
-from echelon.results.schema import BaseModelRecord, json_schema
+from echelon.base.saved.saved import from_json, to_json
+from echelon.base.saved.schema import BaseModelRecord, json_schema
+from echelon.dynamics.linear_forms import virtual_power_form
+from echelon.robot.mechanism import Mechanism
 from support import textbook_arms as arms
 from support.paths import ROOT
 from support.selection import one_in

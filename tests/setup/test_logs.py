@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 import echelon as ec
-from echelon.logs.read_log import opened
-from echelon.setup.logs import with_logs
+from echelon.identification.logs.read_log import opened
+from echelon.identification.setup.logs import with_logs
 from support.swinging_arm import ARM, Motion, swinging
 
 

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 import echelon as ec
-from echelon.logs.read_log import opened
-from echelon.setup.skeleton import skeleton
+from echelon.identification.logs.read_log import opened
+from echelon.identification.setup.skeleton import skeleton
 from support.command_line import run
 from support.swinging_arm import ARM, Motion, swinging
 

@@ -13,8 +13,8 @@ import yaml
 
 import echelon as ec
 from echelon.identification.judging import explained_rate
-from echelon.logs.columns.by_values import error_as_rates
-from echelon.setup.skeleton import Skeleton, skeleton
+from echelon.identification.logs.columns.by_values import error_as_rates
+from echelon.identification.setup.skeleton import Skeleton, skeleton
 from support.command_line import run
 from support.swinging_arm import ARM, swinging
 

@@ -14,8 +14,8 @@ import scipy.io
 import yaml
 
 import echelon as ec
-from echelon.setup.logs import with_logs
-from echelon.setup.skeleton import Skeleton, skeleton
+from echelon.identification.setup.logs import with_logs
+from echelon.identification.setup.skeleton import Skeleton, skeleton
 from support.swinging_arm import ARM, swinging
 
 Floats = npt.NDArray[np.float64]

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 import echelon as ec
-from echelon.logs.columns.column_guess import guess
-from echelon.logs.files.log_file import Table
-from echelon.setup.logs import with_logs
-from echelon.setup.skeleton import skeleton
+from echelon.identification.logs.columns.column_guess import guess
+from echelon.identification.logs.files.log_file import Table
+from echelon.identification.setup.logs import with_logs
+from echelon.identification.setup.skeleton import skeleton
 from support.robot_files import robot_file
 from support.swinging_arm import ARM, Motion, swinging
 

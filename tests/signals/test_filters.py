@@ -8,8 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from echelon.errors import InputError
-from echelon.signals.filters import NEAR, butterworth, fir_lowpass, lowpass, reduction
+from echelon.identification.signals.filters import (
+    NEAR,
+    butterworth,
+    fir_lowpass,
+    lowpass,
+    reduction,
+)
+from echelon.shared.errors import InputError
 
 RATE = 1000.0
 INF = float("inf")

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from echelon.logs.columns.by_values import sample_rate
-from echelon.signals.rates import rate
+from echelon.identification.logs.columns.by_values import sample_rate
+from echelon.identification.signals.rates import rate
 
 Floats = npt.NDArray[np.float64]
 

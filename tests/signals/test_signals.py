@@ -9,10 +9,19 @@ from hypothesis import strategies as st
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from echelon.errors import InputError
-from echelon.signals.clock import shifted
-from echelon.signals.filters import REACH, body_rates, continuous, derivatives
-from echelon.signals.spectrum import best_cutoff, noise_deviation, spectrum
+from echelon.identification.signals.clock import shifted
+from echelon.identification.signals.filters import (
+    REACH,
+    body_rates,
+    continuous,
+    derivatives,
+)
+from echelon.identification.signals.spectrum import (
+    best_cutoff,
+    noise_deviation,
+    spectrum,
+)
+from echelon.shared.errors import InputError
 
 RATE = 1000.0
 TIME = np.arange(8000) / RATE
@@ -154,7 +163,7 @@ def test_quantisation_and_coloured_noise_are_measured(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_cutoff_is_nearly_the_best_of_all(deviation: float, seed: int) -> None:
     """Against the acceleration itself, which only a test knows."""
-    from echelon.signals.filters import lowpass
+    from echelon.identification.signals.filters import lowpass
 
     clean = motion(seed)
     noisy = clean + deviation * np.random.default_rng(seed).standard_normal(8000)
@@ -182,7 +191,7 @@ def test_vibrations_little_above_the_noise_are_no_motion() -> None:
 
 
 def test_noise_of_derivatives_after_a_filter() -> None:
-    from echelon.signals.filters import lowpass
+    from echelon.identification.signals.filters import lowpass
 
     random = np.random.default_rng(4)
     noise = 1e-4 * random.standard_normal(8000)

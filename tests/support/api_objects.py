@@ -17,18 +17,16 @@ from typing import Any
 import numpy as np
 
 import echelon as ec
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.advantage import Advantage
 from echelon.identification.conditioning import conditioning
 from echelon.identification.judge.hypothesis import Kind, Usual
 from echelon.identification.judge.judge import Judged
 from echelon.identification.servos.servo_fit import ServoLimit, ServoScore
-from echelon.regressor.linear_forms import virtual_power_form
 from support.paths import EXAMPLES
 from support.pendulum_logs import pendulum, write_log
 
-INNER = ("echelon.loops",)
-"""Rooms whose doors are for other rooms, and not for users."""
 STATE = dict(
     zip(
         ("q", "qd", "qdd"),
@@ -439,23 +437,14 @@ def _says(kind: type) -> Iterator[type]:
 
 def public_classes() -> set[type]:
     """Classes that users meet: of the public names, of what they return, and of what that holds."""
-    rooms = (
-        m.name
-        for m in pkgutil.iter_modules(ec.__path__, "echelon.")
-        if m.ispkg and m.name not in INNER
-    )
-    faces = ["echelon", *rooms]
     waiting: list[type] = []
-    for face in faces:
-        module = importlib.import_module(face)
-        for name in getattr(module, "__all__", []):
-            member = getattr(module, name)
-            if inspect.isclass(member):
-                waiting.append(member)
-            elif inspect.isfunction(member):
-                waiting += _named(
-                    member.__annotations__.get("return"), member.__module__
-                )
+    for name in ec.__all__:
+        member = getattr(ec, name)
+        if inspect.isclass(member):
+            waiting.append(member)
+        elif inspect.isfunction(member):
+            returned = member.__annotations__.get("return")
+            waiting += _named(returned, member.__module__)
     found: set[type] = set()
     while waiting:
         kind = waiting.pop()

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.structure import find_structure
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.loops.assembly import Assembly
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import virtual_power_form
+from echelon.robot.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.formats.robot_file import load
-from echelon.logs.columns.column_guess import guess
-from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.columns.column_guess import guess
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
 
 Floats = npt.NDArray[np.float64]
 

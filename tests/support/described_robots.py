@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from echelon.mechanism.joint import Placement
-from echelon.mechanism.mechanism import Cut, Mechanism
+from echelon.robot.joint import Placement
+from echelon.robot.mechanism import Cut, Mechanism
 
 EVERYTHING = """
 echelon: 1

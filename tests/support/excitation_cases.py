@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
+from echelon.algebra.program.operations import Op
+from echelon.algebra.program.tape import Program
 from echelon.excite.problem.state_limits import (
     EffortLimit,
     EffortModel,
@@ -29,9 +31,7 @@ from echelon.excite.problem.trajectory import (
     resting_ends,
     uniform_splines,
 )
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.operations import Op
-from echelon.program.tape import Program
+from echelon.robot.mechanism import Mechanism
 from support.float_regressor import standard_vector
 from support.paths import EXAMPLES
 from support.robot_files import robot_file

@@ -23,8 +23,8 @@ from echelon.excite.problem.state_limits import (
     point_limits,
 )
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.closure import ClosureKind
+from echelon.robot.mechanism import Mechanism
 from support import linkages
 from support.paths import ROOT
 from support.selection import slow_unless

@@ -24,7 +24,7 @@ from echelon.excite.problem.task import task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.solve.design import Design, designed
 from echelon.identification.result import Identification
-from echelon.setup.setup import Setup
+from echelon.identification.setup.setup import Setup
 from support.simulated_models import Drive, Part
 from support.simulated_robots import GUESSED, TRUE, Motion, System
 from support.simulated_systems import joint_forces

@@ -17,14 +17,14 @@ from functools import cache
 import numpy as np
 
 import echelon as ec
+from echelon.algebra.exact.rational import RationalFunction
 from echelon.base.certificate import certify
 from echelon.base.derive import model_at_stated_values
 from echelon.base.matrix import BaseMatrix, StatedNumbers
-from echelon.exact.rational import RationalFunction
+from echelon.base.saved.saved import from_json, to_json
+from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.stated import all_symbols, value_texts
-from echelon.regressor.linear_forms import virtual_power_form
-from echelon.results.saved import from_json, to_json
+from echelon.robot.stated import all_symbols, value_texts
 from support.descriptions import read_description
 
 ONE = RationalFunction(1)

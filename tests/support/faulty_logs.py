@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.formats.robot_file import load
-from echelon.logs.finding import Finding
-from echelon.logs.recording import Recording
+from echelon.identification.logs.finding import Finding
+from echelon.identification.logs.recording import Recording
 
 Floats = npt.NDArray[np.float64]
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy.typing as npt
 
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import symbol_values
-from echelon.program.function import Function
-from echelon.program.schedule import FloatArithmetic
+from echelon.algebra.program.function import Function
+from echelon.algebra.program.schedule import FloatArithmetic
+from echelon.robot.mechanism import Mechanism
+from echelon.robot.stated import symbol_values
 from support.small_kernels import FloatArray, by_numpy
 
 

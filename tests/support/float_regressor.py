@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import inverse_dynamics_regressor
+from echelon.dynamics.evaluate import evaluate_floats
+from echelon.dynamics.linear_forms import inverse_dynamics_regressor
+from echelon.robot.joint import MotionKind
+from echelon.robot.mechanism import Mechanism
 
 FloatArray = npt.NDArray[np.float64]
 

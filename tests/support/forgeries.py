@@ -10,9 +10,9 @@ from fractions import Fraction
 from math import prod
 from typing import Any
 
-from echelon.conventions import PARAMETERS
-from echelon.exact.rational import RationalFunction
-from echelon.results.saved import from_json, to_dict, verify
+from echelon.algebra.exact.rational import RationalFunction
+from echelon.base.saved.saved import from_json, to_dict, verify
+from echelon.shared.conventions import PARAMETERS
 
 Document = dict[str, Any]
 Forgery = Callable[[Document, random.Random], object]

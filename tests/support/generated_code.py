@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.program.function import Function
-from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.algebra.program.function import Function
+from echelon.algebra.program.schedule import FloatArithmetic, Schedule
 from support.paths import TESTS
 from support.system_tools import tool
 

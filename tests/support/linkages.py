@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 
-from echelon.exact.expressions import parse
-from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import (
+from echelon.algebra.exact.expressions import parse
+from echelon.robot.closure import Closure, ClosureKind
+from echelon.robot.joint import (
     GROUND,
     Body,
     Placement,
@@ -18,7 +18,7 @@ from echelon.mechanism.joint import (
     shift,
     translation,
 )
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support import textbook_arms as arms
 
 LENGTHS = {"a": "0.3", "b": "-0.45", "c": "0.2", "h": "0.05", "g": "9.81"}

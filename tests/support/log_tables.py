@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from echelon.logs.files.log_file import LogFile
+from echelon.identification.logs.files.log_file import LogFile
 
 
 def text(directory: Path, content: str | bytes, name: str = "run.csv") -> Path:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from echelon.exact.polynomial import float_generators
-from echelon.mechanism.joint import GROUND, Placement
-from echelon.mechanism.mechanism import Mechanism
+from echelon.algebra.exact.polynomial import float_generators
+from echelon.robot.joint import GROUND, Placement
+from echelon.robot.mechanism import Mechanism
 from support.textbook_poses import Array, pose_of
 
 

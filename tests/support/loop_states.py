@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from echelon.loops.assembly import Assembly
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support.float_regressor import FloatArray
 
 

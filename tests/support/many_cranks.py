@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 
 CRANKS = """
 echelon: 1

@@ -11,7 +11,7 @@ from echelon.formats.literal import LiteralTree
 from echelon.formats.mjcf.mjcf_model import checked_mjcf
 from echelon.formats.mjcf.mjcf_reader import read_mjcf
 from echelon.formats.snapping import ReadingOptions
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 
 INERTIA = (
     '<inertial pos="0.05 -0.02 0.11" mass="1.3" euler="0.2 0.3 -0.4" diaginertia="0.021 0.017 0.012"/>'

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.compute.observe.observation import Layout, Observation
+from echelon.compute.observe.triangle import upper_triangle
 from echelon.identification.rows.rows import RowBlock
 from echelon.identification.scores import Fit, Validation
 from echelon.identification.validation import Predicted, PredictedOutput, validate
-from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import upper_triangle
 
 Floats = npt.NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import numpy as np
 
 import echelon as ec
 from echelon.identification.current_fit import gain_names
+from echelon.identification.logs.recording import Samples
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.recording import Samples
-from echelon.mechanism.effect import Side, ready_made
+from echelon.robot.effect import Side, ready_made
 
 LOAD = (0.021, 0.004, -0.01, 0.032, 0.006, 0.025, 0.15, -0.06, 0.34, 4.9)
 

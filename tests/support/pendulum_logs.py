@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.preparation.prepare import Preparation
-from echelon.setup.setup import Setup
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.preparation.prepare import Preparation
+from echelon.identification.setup.setup import Setup
 from support.paths import ROOT
 
 RATE = 200.0

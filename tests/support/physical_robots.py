@@ -10,13 +10,18 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.conventions import PER_BODY
-from echelon.errors import InputError
+from echelon.compute.observe.observation import Observation
 from echelon.formats.schema.schema_log import IdentificationEntry
 from echelon.identification.physics.bounds import Bounds, Roles, roles
-from echelon.inertia import factor, from_pseudo_inertia, parameter_array, pseudo_inertia
-from echelon.mechanism.stated import characteristic_length
-from echelon.observe.observation import Observation
+from echelon.robot.inertia import (
+    factor,
+    from_pseudo_inertia,
+    parameter_array,
+    pseudo_inertia,
+)
+from echelon.robot.stated import characteristic_length
+from echelon.shared.conventions import PER_BODY
+from echelon.shared.errors import InputError
 
 Floats = npt.NDArray[np.float64]
 

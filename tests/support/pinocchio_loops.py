@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
-from echelon.mechanism.mechanism import Mechanism
+from echelon.algebra.exact.polynomial import Polynomial, float_generators
+from echelon.robot.closure import Closure, ClosureKind
+from echelon.robot.joint import GROUND, Motion, MotionKind, Placement
+from echelon.robot.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 

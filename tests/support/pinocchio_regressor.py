@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.conventions import PER_BODY
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.conventions import PER_BODY
 from support.robot_files import pinocchio_state
 
 Floats = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ from echelon.excite.excite import ExcitingTrajectory, Start, conditioning_of
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
 from echelon.excite.verify import Margin, margins_of
-from echelon.logs.finding import Finding, Severity
+from echelon.identification.logs.finding import Finding, Severity
 from support.paths import EXAMPLES
 from support.report_data import HOSTILE
 from support.unchecked_names import unchecked_names

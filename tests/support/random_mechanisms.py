@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from hypothesis import strategies as st
 
-from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.joint import (
+from echelon.algebra.exact.polynomial import Polynomial
+from echelon.robot.joint import (
     Body,
     Motion,
     ball,
@@ -17,7 +17,7 @@ from echelon.mechanism.joint import (
     screw,
     translation,
 )
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 from support import textbook_arms as arms
 
 VALUES = {"a": "0.3", "b": "-0.45", "c": "0.2", "h": "0.05", "g": "9.81"}

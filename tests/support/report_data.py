@@ -12,12 +12,12 @@ import numpy.typing as npt
 import echelon as ec
 from echelon.identification.conditioning import DataConditioning, Direction
 from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.logs.finding import Finding, Severity
+from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.scores import Score, Trace, Validation, fit
-from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation.prepare import Preparation
 from support.paths import EXAMPLES
 from support.unchecked_names import unchecked_names
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.joint import MotionKind
+from echelon.robot.mechanism import Mechanism
 
 Floats = npt.NDArray[np.float64]
 EMPTY = ("ur3",)

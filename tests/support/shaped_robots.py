@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from echelon.exact.expressions import parse
+from echelon.algebra.exact.expressions import parse
 from echelon.excite.problem.robot_shapes import entry_shapes
 from echelon.excite.problem.shapes import Shape
 from echelon.excite.problem.trajectory import (
@@ -14,8 +14,8 @@ from echelon.excite.problem.trajectory import (
     Trajectory,
     uniform_splines,
 )
-from echelon.mechanism.joint import rotation, screw, translation
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.joint import rotation, screw, translation
+from echelon.robot.mechanism import Mechanism
 from support.textbook_arms import body, place, tree
 
 Floats = npt.NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 
 Floats = npt.NDArray[np.float64]
 START = 1_700_000_000_000_000_000

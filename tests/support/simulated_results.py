@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from echelon.base.model import BaseModel
-from echelon.results.identified import IdentifiedModel, load_identified
+from echelon.identification.saved.identified import IdentifiedModel, load_identified
 from support.command_line import run
 from support.simulated_models import Floats
 from support.simulated_robots import Motion, System

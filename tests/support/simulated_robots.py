@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.logs.recording import Samples
-from echelon.mechanism.mechanism import Mechanism
-from echelon.setup.setup import Setup, load_setup
+from echelon.identification.logs.recording import Samples
+from echelon.identification.setup.setup import Setup, load_setup
+from echelon.robot.mechanism import Mechanism
 from support.simulated_logs import write_log
 from support.simulated_models import (
     FREE,

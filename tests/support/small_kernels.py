@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import InputError
-from echelon.machine.target import host
-from echelon.program.function import Argument, Function
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program, Scalar
+from echelon.algebra.program.function import Argument, Function
+from echelon.algebra.program.schedule import FloatArithmetic, Schedule
+from echelon.algebra.program.tape import Program, Scalar
+from echelon.compute.machine.target import host
+from echelon.shared.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
 Outputs = Sequence[Scalar] | Mapping[tuple[int, ...], Scalar]
@@ -127,7 +127,7 @@ class Fences:
     def aligned(
         self, shape: tuple[int, ...], *, zero: bool = False, boundary: int = 64
     ) -> FloatArray:
-        """In place of :func:`echelon.machine.kernel.aligned`; kernels only rely on whole cache lines."""
+        """In place of :func:`echelon.compute.machine.kernel.aligned`; kernels only rely on whole cache lines."""
         assert boundary % 64 == 0
         found = self.array(shape)
         found[...] = 0 if zero else np.nan

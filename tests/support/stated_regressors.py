@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.observe.accumulate import Observer
-from echelon.program.function import Argument, Function
-from echelon.program.tape import Program
+from echelon.algebra.program.function import Argument, Function
+from echelon.algebra.program.tape import Program
+from echelon.compute.observe.accumulate import Observer
 
 Floats = npt.NDArray[np.float64]
 

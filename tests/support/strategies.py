@@ -11,8 +11,8 @@ from typing import Any
 import sympy
 from hypothesis import strategies as st
 
-from echelon.exact.field import PrimeField
-from echelon.exact.polynomial import Number, Polynomial, parts_of, surd
+from echelon.algebra.exact.field import PrimeField
+from echelon.algebra.exact.polynomial import Number, Polynomial, parts_of, surd
 
 # the largest primes of their sizes, where products come closest to overflow
 SMALL_FIELD = PrimeField.of(2**31 - 105)

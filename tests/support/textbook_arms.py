@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from echelon.exact.expressions import parse, parse_angle
-from echelon.mechanism.coupling import Coupling, linear
-from echelon.mechanism.joint import (
+from echelon.algebra.exact.expressions import parse, parse_angle
+from echelon.robot.coupling import Coupling, linear
+from echelon.robot.joint import (
     ALL,
     GROUND,
     Body,
@@ -29,7 +29,7 @@ from echelon.mechanism.joint import (
     translation,
     turn,
 )
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.mechanism import Mechanism
 
 DOWN = "0 0 -g"
 GENERIC = "gx gy gz"

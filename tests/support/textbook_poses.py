@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.mechanism.joint import Motion, MotionKind, Placement
-from echelon.mechanism.mechanism import Mechanism
+from echelon.algebra.exact.polynomial import Polynomial, float_generators
+from echelon.robot.joint import Motion, MotionKind, Placement
+from echelon.robot.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)

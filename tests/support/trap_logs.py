@@ -13,8 +13,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from echelon.base.model import BaseModel
+from echelon.identification.logs.finding import Finding, Severity
 from echelon.identification.result import Identification
-from echelon.logs.finding import Finding, Severity
 from support.robot_files import robot_file
 
 Floats = npt.NDArray[np.float64]

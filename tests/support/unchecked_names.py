@@ -10,5 +10,5 @@ from unittest.mock import patch
 @contextmanager
 def unchecked_names() -> Iterator[None]:
     """Mechanisms that are made here may have any names."""
-    with patch("echelon.mechanism.mechanism._check_names"):
+    with patch("echelon.robot.mechanism._check_names"):
         yield

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.conventions import PER_BODY
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.robot_writer import WrittenRobot
-from echelon.inertia import from_pseudo_inertia
-from echelon.mechanism.joint import ALL
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot.inertia import from_pseudo_inertia
+from echelon.robot.joint import ALL
+from echelon.robot.mechanism import Mechanism
+from echelon.shared.conventions import PER_BODY
 from support.robot_files import PinocchioState, pinocchio_state
 
 EXACT = ReadingOptions(snap_tolerance=0, independent_mimics=True)

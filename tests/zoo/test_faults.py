@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.inertia import from_pseudo_inertia, pseudo_inertia
+from echelon.robot.inertia import from_pseudo_inertia, pseudo_inertia
 from robot_zoo.faults import MISSING, POINT, can_exist, faults, problem_of
 
 SHAPE = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'

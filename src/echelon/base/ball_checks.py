@@ -18,18 +18,20 @@ from typing import Any
 import flint
 import numpy as np
 
-from echelon.arrays import Floats, independent_columns
+from echelon.algebra import (
+    SURPLUS_ROWS,
+    FloatArithmetic,
+    Op,
+    RationalFunction,
+    Schedule,
+    ball,
+)
 from echelon.base.ball_rows import ball_rows, bits_of_span, stated_generators
 from echelon.base.ball_tables import Balls, combinations_of, doubles, exponent, vanishes
 from echelon.base.elimination import SHOWN_BY_DOUBLES
 from echelon.base.matrix import BaseMatrix
-from echelon.errors import CertificateError, InputError
-from echelon.exact.field import SURPLUS_ROWS
-from echelon.exact.rational import RationalFunction
-from echelon.program.arithmetics import ball
-from echelon.program.operations import Op
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.regressor.linear_forms import LinearForms
+from echelon.dynamics import LinearForms
+from echelon.shared import CertificateError, Floats, InputError, independent_columns
 
 SURPLUS_ROWS_FOR_SIGNS = 60
 """Surplus rows where signs make regions, which random closed states have to meet."""

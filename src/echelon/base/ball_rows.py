@@ -9,19 +9,25 @@ from typing import TYPE_CHECKING, Any, Protocol
 import flint
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.algebra import (
+    DEFAULT_SEED,
+    BallArithmetic,
+    Op,
+    Program,
+    StagedSchedule,
+    Surd,
+    ball,
+    count_of,
+    generator_values,
+    is_angle,
+    parts_of,
+    random_generator,
+    stated_ball,
+)
 from echelon.base.ball_tables import BALL_BITS, Balls, exponent
-from echelon.errors import DegenerateSampleError, InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.exact.polynomial import Surd, generator_values, parts_of
-from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.stated import named_symbols, symbol_roles
-from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
-from echelon.program.free_states import count_of
-from echelon.program.operations import Op
-from echelon.program.schedule import StagedSchedule, is_angle
-from echelon.program.tape import Program
-from echelon.regressor.linear_forms import LinearForms
+from echelon.dynamics import LinearForms
+from echelon.robot import named_symbols, shown_loops, symbol_roles
+from echelon.shared import DegenerateSampleError, Floats, InputError
 
 if TYPE_CHECKING:
     from echelon.loops import ClosedBalls, Loops

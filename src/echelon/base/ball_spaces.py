@@ -10,8 +10,8 @@ import flint
 from echelon.base.ball_tables import Balls
 from echelon.base.elimination import eliminated
 from echelon.base.real_states import RealStates
-from echelon.errors import SingularPoseError
-from echelon.regressor.linear_forms import LinearForms, Rows
+from echelon.dynamics import LinearForms, Rows
+from echelon.shared import SingularPoseError
 
 
 @dataclass(frozen=True)

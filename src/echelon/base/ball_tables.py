@@ -13,8 +13,8 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, pivoted_qr
-from echelon.exact.polynomial import Number, Rational, simplest, surd
+from echelon.algebra import Number, Rational, simplest, surd
+from echelon.shared import Floats, pivoted_qr
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``."""

@@ -9,14 +9,14 @@ arithmetic.
 *Complete* (rank ≤ r), column by column:
 
 - coefficients in closed form: X = X̄ B is an identity of rational functions, compared modulo primes
-  (:mod:`echelon.base.prime_checks`), in each known region of signs (:mod:`echelon.program.region`);
+  (:mod:`echelon.base.prime_checks`), in each known region of signs (:mod:`echelon.algebra.program.region`);
 - coefficients that are numbers: exact ones are compared at the stated values modulo primes.  Of rounded ones the ranks
   modulo primes show that they exist, and ball arithmetic what they are (:mod:`echelon.base.ball_checks`);
 - loops and functions such as exp: all columns at real states in ball arithmetic, at the stated values of the symbols,
   and formulas at random other values, too.
 
 The set was derived from energies; the check uses the inverse dynamics (as rows uᵀX for arbitrary u, see
-:mod:`echelon.regressor.linear_forms`), so the two do not share their formulas.
+:mod:`echelon.dynamics.linear_forms`), so the two do not share their formulas.
 """
 
 from __future__ import annotations
@@ -27,6 +27,12 @@ from functools import cached_property
 
 import numpy as np
 
+from echelon.algebra import (
+    AGREEING_POINTS,
+    CERTIFICATE_BITS,
+    MOST_ATTEMPTS,
+    random_generator,
+)
 from echelon.base.ball_checks import BallEvidence, check_in_balls, has_plain_signs
 from echelon.base.matrix import NEGLIGIBLE_ERROR, BaseMatrix
 from echelon.base.prime_checks import (
@@ -37,15 +43,9 @@ from echelon.base.prime_checks import (
 )
 from echelon.base.real_states import RealStates
 from echelon.base.rounded_checks import check_to_rounding
-from echelon.errors import CertificateError, DegenerateSampleError, InputError
-from echelon.exact.field import (
-    AGREEING_POINTS,
-    CERTIFICATE_BITS,
-    MOST_ATTEMPTS,
-    random_generator,
-)
-from echelon.mechanism.stated import StatedValues
-from echelon.regressor.linear_forms import LinearForms, Rows
+from echelon.dynamics import LinearForms, Rows
+from echelon.robot import StatedValues
+from echelon.shared import CertificateError, DegenerateSampleError, InputError
 
 RANDOM_GEOMETRIES = 4
 """Random values of the symbols, of more than 30 bits each, at which balls compare formulas."""
@@ -62,7 +62,7 @@ class Certificate:
     seed: int  # seed of the random points and primes
     minor_prime: int  # prime modulo which an r × r minor of the pivot columns is non-zero; 0 for one in ball arithmetic
     # number of random states whose rows contain what is left of it without its triangular part (see
-    # :mod:`echelon.regressor.blocks`)
+    # :mod:`echelon.dynamics.blocks`)
     minor_states: int
     identity_primes: tuple[
         int, ...

@@ -20,6 +20,23 @@ from itertools import product
 
 import numpy as np
 
+from echelon.algebra import (
+    MOST_PRIMES,
+    ONE,
+    Geometry,
+    Polynomial,
+    PrimeField,
+    RationalFunction,
+    Residues,
+    T,
+    UnknownFunctions,
+    Work,
+    as_polynomial,
+    cost_of_products,
+    interpolate,
+    substituted,
+    sum_of_products,
+)
 from echelon.base.ball_rows import irrational_roots
 from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.base.prime_states import PrimeStates
@@ -32,23 +49,9 @@ from echelon.base.structure import (
     pair_columns,
     pair_signature,
 )
-from echelon.conventions import PER_BODY
-from echelon.errors import ClosedFormError
-from echelon.exact.field import Geometry, PrimeField, Residues, T, substituted
-from echelon.exact.interpolation import MOST_PRIMES, interpolate
-from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.exact.rational import (
-    ONE,
-    RationalFunction,
-    cost_of_products,
-    sum_of_products,
-)
-from echelon.exact.unknown_functions import UnknownFunctions, Work
-from echelon.inertia import move
-from echelon.mechanism.joint import Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import SymbolRoles, symbol_roles
-from echelon.regressor.linear_forms import LinearForms, Rows, energy_form, rows_of
+from echelon.dynamics import LinearForms, Rows, energy_form, rows_of
+from echelon.robot import Mechanism, Placement, SymbolRoles, move, symbol_roles
+from echelon.shared import PER_BODY, ClosedFormError
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,14 @@ from typing import Any, overload
 
 import numpy as np
 
+from echelon.algebra import (
+    DEFAULT_SEED,
+    MOST_PRIMES,
+    Polynomial,
+    RationalFunction,
+    Work,
+    random_generator,
+)
 from echelon.base.ball_checks import check_in_balls
 from echelon.base.ball_rows import irrational_roots
 from echelon.base.certificate import AtStatedValues, certify
@@ -41,34 +49,37 @@ from echelon.base.structure import (
     from_regular_pose,
     real_structure,
 )
-from echelon.doors import NotNegative, public
-from echelon.errors import (
+from echelon.dynamics import (
+    LinearForms,
+    LinearModel,
+    model_of,
+    rows_of,
+    virtual_power_form,
+)
+from echelon.robot import (
+    Mechanism,
+    Readable,
+    all_symbols,
+    has_values,
+    inexact_symbols,
+    known_values,
+    loaded,
+    mechanism_of,
+    named_symbols,
+    stated_values,
+    symbol_roles,
+    value_texts,
+)
+from echelon.shared import (
     CertificateError,
     ClosedFormError,
     DegenerateSampleError,
     DoubtWarning,
     EchelonError,
     InputError,
+    NotNegative,
+    public,
 )
-from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.exact.interpolation import MOST_PRIMES
-from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
-from echelon.exact.unknown_functions import Work
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.sources import Readable, loaded, mechanism_of
-from echelon.mechanism.stated import (
-    all_symbols,
-    has_values,
-    inexact_symbols,
-    known_values,
-    named_symbols,
-    stated_values,
-    symbol_roles,
-    value_texts,
-)
-from echelon.models import LinearModel, model_of
-from echelon.regressor.linear_forms import LinearForms, rows_of, virtual_power_form
 
 
 def silent(_: str) -> None:

@@ -19,11 +19,9 @@ from echelon.base.expression import (
 from echelon.base.matrix import BaseMatrix, Identifiability, StatedNumbers
 from echelon.base.reading_report import ROUNDING, ReadingReport
 from echelon.base.stated_values import SpecialValues
-from echelon.conventions import PARAMETERS, PER_BODY
-from echelon.errors import one_line
-from echelon.mechanism.joint import Symbol
-from echelon.mechanism.mechanism import Mechanism
-from echelon.models import LinearModel
+from echelon.dynamics import LinearModel
+from echelon.robot import Mechanism, Symbol
+from echelon.shared import PARAMETERS, PER_BODY, one_line
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs

@@ -16,7 +16,6 @@ from typing import Any
 import flint
 import numpy as np
 
-from echelon.arrays import Floats, Integers, independent_columns, pivoted_qr
 from echelon.base.ball_tables import (
     Balls,
     doubles,
@@ -25,6 +24,7 @@ from echelon.base.ball_tables import (
     solved_for,
     vanishes,
 )
+from echelon.shared import Floats, Integers, independent_columns, pivoted_qr
 
 _FIRM = (1e-6, 1e-4, 1e-2)
 """Share of the largest pivot above which doubles show a column to be independent; more where balls deny it."""

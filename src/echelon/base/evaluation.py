@@ -13,17 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.algebra import Function
 from echelon.base.matrix import BaseMatrix
-from echelon.doors import public
-from echelon.dynamics.functions import robot_function
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Function
+from echelon.dynamics import robot_function
+from echelon.robot import Mechanism
+from echelon.shared import Floats, public
 
 if TYPE_CHECKING:
-    from echelon.dynamics.evaluator import ClosedStates, Evaluator, Values
-    from echelon.observe.accumulate import Observer
-    from echelon.observe.observation import NormalEquations, Observation
+    from echelon.compute import NormalEquations, Observation, Observer
+    from echelon.dynamics import ClosedStates, Evaluator, Values
 
 Log = Mapping[str, Any]
 """``q``, ``qd``, ``qdd`` and ``y``, and ``inputs`` where effects use measured inputs."""
@@ -328,7 +326,7 @@ class Evaluation(ABC):
         """The completion of states by their dependent coordinates; None without any."""
         if not self.mechanism.dependent_velocities:
             return None
-        from echelon.dynamics.evaluator import ClosedStates
+        from echelon.dynamics import ClosedStates
 
         return ClosedStates(self.mechanism)
 
@@ -339,7 +337,7 @@ class Evaluation(ABC):
     def _evaluator(self, name: str) -> Evaluator:
         """Machine code of a function, compiled when it is first asked for."""
         if name not in self._evaluators:
-            from echelon.dynamics.evaluator import Evaluator
+            from echelon.dynamics import Evaluator
 
             self._evaluators[name] = Evaluator(
                 self.mechanism,
@@ -416,7 +414,7 @@ class Evaluation(ABC):
 
     @cached_property
     def _observer(self) -> Observer:
-        from echelon.observe.accumulate import Observer
+        from echelon.compute import Observer
 
         return Observer(self.function("regressor"))
 
@@ -424,7 +422,7 @@ class Evaluation(ABC):
         self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None
     ) -> Iterator[Values]:
         """Arguments of the regressor and measured outputs, piece by piece."""
-        from echelon.dynamics.evaluator import function_values
+        from echelon.dynamics import function_values
 
         regressor = self.function("regressor")
         for piece in [log] if isinstance(log, Mapping) else log:

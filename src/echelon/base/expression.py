@@ -7,20 +7,20 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from echelon.conventions import PARAMETERS
-from echelon.doors import public
-from echelon.errors import one_line
-from echelon.exact.expressions import PER_PI, PI, decimal_text
-from echelon.exact.polynomial import (
+from echelon.algebra import (
+    PER_PI,
+    PI,
     Monomial,
     Number,
     Polynomial,
+    RationalFunction,
     Surd,
+    decimal_text,
     is_negative,
     is_trigonometric,
     multiple_of,
 )
-from echelon.exact.rational import RationalFunction
+from echelon.shared import PARAMETERS, one_line, public
 
 DECIMAL_DIGITS = 9
 """Digits of a coefficient that is shown as a decimal number."""

@@ -17,17 +17,14 @@ from typing import Any
 import flint
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.algebra import DEFAULT_SEED, ball, random_generator
 from echelon.base.ball_rows import stated_generators
 from echelon.base.ball_tables import BALL_BITS
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import reconstruction_error
-from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length, known_values, value_texts
-from echelon.program.arithmetics import ball
-from echelon.regressor.linear_forms import LinearForms
+from echelon.dynamics import LinearForms
+from echelon.robot import Mechanism, characteristic_length, known_values, value_texts
+from echelon.shared import Floats, InputError
 
 LARGEST_COEFFICIENT = 1e6
 """Coefficient of B from which other representatives are tried: it leaves ten of the 16 digits of X̄ B."""

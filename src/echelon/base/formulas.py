@@ -17,25 +17,25 @@ from fractions import Fraction
 from functools import cached_property, reduce
 from typing import Any
 
-from echelon.base.symbolic import IMPORTED, SymbolicRegressor
-from echelon.choices import Form
-from echelon.errors import ClosedFormError
-from echelon.exact.polynomial import (
+from echelon.algebra import (
+    FUNCTIONS,
     Monomial,
     Number,
+    Op,
     Polynomial,
+    Program,
     cosine,
     is_trigonometric,
+    shared_nodes,
     sine,
     symbol_of,
+    sympy_number,
+    to_sympy,
 )
-from echelon.extras import extra
-from echelon.mechanism.joint import GROUND, MotionKind, Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.sympy_bridge import shared_nodes, sympy_number, to_sympy
-from echelon.program.tape import Program
-from echelon.regressor.linear_forms import LinearForms
+from echelon.base.symbolic import IMPORTED, SymbolicRegressor
+from echelon.dynamics import LinearForms
+from echelon.robot import GROUND, Mechanism, MotionKind, Placement
+from echelon.shared import ClosedFormError, Form, extra
 
 with extra("symbolic"):
     import sympy

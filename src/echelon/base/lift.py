@@ -12,8 +12,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
+from echelon.shared import Floats, InputError
 
 Metric = Literal["identity", "physical"] | npt.ArrayLike
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.algebra import Polynomial, Work, random_generator
 from echelon.base.ball_rows import irrational_roots
 from echelon.base.certificate import AtStatedValues, Certificate, certify
 from echelon.base.closed_form import assembled, closed_columns, linear_relations
@@ -20,16 +20,9 @@ from echelon.base.real_matrix import in_numbers
 from echelon.base.real_states import RealStates
 from echelon.base.stated_values import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
-from echelon.choices import Form
-from echelon.doors import public
-from echelon.errors import ClosedFormError, InputError
-from echelon.exact.field import random_generator
-from echelon.exact.polynomial import Polynomial
-from echelon.exact.unknown_functions import Work
-from echelon.extras import extra
-from echelon.mechanism.stated import StatedValues
-from echelon.models import LinearModel, evaluate_model
-from echelon.regressor.linear_forms import LinearForms, Rows
+from echelon.dynamics import LinearForms, LinearModel, Rows, evaluate_model
+from echelon.robot import StatedValues
+from echelon.shared import ClosedFormError, Floats, Form, InputError, extra, public
 
 if TYPE_CHECKING:
     import sympy

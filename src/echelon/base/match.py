@@ -13,18 +13,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Floats
 from echelon.base.derive import base_of
 from echelon.base.model import BaseModel
-from echelon.conventions import PER_BODY
-from echelon.doors import public
-from echelon.dynamics.kinematics import Kinematics
-from echelon.errors import InputError
-from echelon.inertia import frame_change
-from echelon.mechanism.joint import GROUND, MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.sources import Readable
-from echelon.mechanism.stated import symbol_values
+from echelon.dynamics import Kinematics
+from echelon.robot import (
+    GROUND,
+    Mechanism,
+    MotionKind,
+    Readable,
+    frame_change,
+    symbol_values,
+)
+from echelon.shared import PER_BODY, Floats, InputError, public
 
 MOST_PAIRINGS = 256
 """Pairings of bodies that are compared before two robots count as different."""

@@ -20,17 +20,22 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.choices import Order
-from echelon.conventions import PARAMETERS
-from echelon.errors import EchelonError, InputError, shortened
-from echelon.exact.expressions import BEYOND_DOUBLES, parse
-from echelon.exact.field import PrimeField, Residues, reduced_echelon, residues_at
-from echelon.exact.polynomial import Number, generator_values
-from echelon.exact.rational import RationalFunction, cost_of_products
-from echelon.exact.unknown_functions import Work
-from echelon.extras import extra
-from echelon.mechanism.mechanism import Parameter
-from echelon.program.sympy_bridge import sympy_number
+from echelon.algebra import (
+    BEYOND_DOUBLES,
+    Number,
+    PrimeField,
+    RationalFunction,
+    Residues,
+    Work,
+    cost_of_products,
+    generator_values,
+    parse,
+    reduced_echelon,
+    residues_at,
+    sympy_number,
+)
+from echelon.robot import Parameter
+from echelon.shared import PARAMETERS, EchelonError, InputError, Order, extra, shortened
 
 if TYPE_CHECKING:
     import sympy
@@ -193,7 +198,7 @@ def _quotient_value(
     coefficient: RationalFunction, symbols: Mapping[str, float]
 ) -> float:
     """A quotient by balls, because both parts of a long one may be sums that cancel but for 1e-12 of their terms."""
-    from echelon.program.arithmetics import ball
+    from echelon.algebra import ball
 
     for bits in _PRECISIONS:
         with flint.ctx.workprec(bits):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.algebra import RationalFunction, pi_generators, sympy_number
 from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation
 from echelon.base.expression import Expression, collect
@@ -24,25 +24,19 @@ from echelon.base.matrix import (
 )
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues, at_values
-from echelon.choices import Form
-from echelon.doors import public
-from echelon.errors import InputError
-from echelon.exact.expressions import pi_generators
-from echelon.exact.rational import RationalFunction
-from echelon.extras import extra
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import (
+from echelon.dynamics import (
+    LinearForms,
+    inverse_dynamics_regressor,
+    virtual_power_form,
+)
+from echelon.robot import (
+    Mechanism,
     characteristic_length,
     known_values,
     stated_values,
     symbol_values,
 )
-from echelon.program.sympy_bridge import sympy_number
-from echelon.regressor.linear_forms import (
-    LinearForms,
-    inverse_dynamics_regressor,
-    virtual_power_form,
-)
+from echelon.shared import Floats, Form, InputError, extra, public
 
 if TYPE_CHECKING:
     import sympy

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from echelon.algebra import DEFAULT_SEED, random_generator
 from echelon.base.numeric_ranks import TOLERANCES, NumericRanks, numeric_ranks
 from echelon.base.stated_values import stated_structure
-from echelon.doors import NotNegative, public
-from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.sources import Readable, mechanism_of
+from echelon.robot import Mechanism, Readable, mechanism_of
+from echelon.shared import NotNegative, public
 
 
 @public

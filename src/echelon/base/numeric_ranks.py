@@ -19,16 +19,17 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, pivoted_qr
-from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, MOST_ATTEMPTS, random_generator
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length, symbol_values
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program
-from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.linear_forms import LinearForms, virtual_power_form
+from echelon.algebra import (
+    DEFAULT_SEED,
+    MOST_ATTEMPTS,
+    FloatArithmetic,
+    Program,
+    Schedule,
+    random_generator,
+)
+from echelon.dynamics import LinearForms, evaluate_floats, virtual_power_form
+from echelon.robot import Mechanism, MotionKind, characteristic_length, symbol_values
+from echelon.shared import Floats, InputError, pivoted_qr
 
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 """Customary thresholds, relative to the largest singular value."""

@@ -19,23 +19,28 @@ from math import ceil, log2, log10
 
 import numpy as np
 
-from echelon.base.matrix import BaseMatrix
-from echelon.errors import CertificateError, DegenerateSampleError
-from echelon.exact.field import (
+from echelon.algebra import (
     AGREEING_POINTS,
     ARRAY_BITS,
     CERTIFICATE_BITS,
     MOST_ATTEMPTS,
+    FieldSampler,
     PrimeField,
     Residues,
+    Size,
+    is_trigonometric,
+    multiple_of,
+    polynomial_size,
     random_generator,
     rank,
+    size_bound,
     substituted,
+    symbol_of,
 )
-from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
-from echelon.mechanism.stated import StatedValues
-from echelon.program.schedule import FieldSampler, Size, polynomial_size, size_bound
-from echelon.regressor.linear_forms import LinearForms
+from echelon.base.matrix import BaseMatrix
+from echelon.dynamics import LinearForms
+from echelon.robot import StatedValues
+from echelon.shared import CertificateError, DegenerateSampleError
 
 MOST_STATES = 4096
 """States of one elimination at most, where signs do not need more."""

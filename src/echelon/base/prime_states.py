@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from echelon.errors import DegenerateSampleError
-from echelon.exact.field import Geometry, PrimeField, Residues, solve_batched
-from echelon.regressor.linear_forms import Rows
+from echelon.algebra import Geometry, PrimeField, Residues, solve_batched
+from echelon.dynamics import Rows
+from echelon.shared import DegenerateSampleError
 
 MOST_VISITS = 32
 """Visits of each region of signs after which relations that still fail are given up."""

@@ -18,14 +18,9 @@ from typing import Any, Literal
 import flint
 import numpy as np
 
+from echelon.algebra import Polynomial, RationalFunction, Ring, parse, substituted
 from echelon.base.matrix import BaseMatrix, sympy_generators
-from echelon.errors import ClosedFormError, EchelonError, InputError
-from echelon.exact.expressions import parse
-from echelon.exact.field import substituted
-from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
-from echelon.exact.ring import Ring
-from echelon.extras import extra
+from echelon.shared import ClosedFormError, EchelonError, InputError, extra
 
 with extra("symbolic"):
     import sympy

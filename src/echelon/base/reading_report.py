@@ -12,20 +12,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from echelon.algebra import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
+from echelon.algebra import rank as rank_modulo
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import numeric_ranks
 from echelon.base.spectrum import RankSpectrum
 from echelon.base.stated_values import stated_structure
-from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
-from echelon.exact.field import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generator
-from echelon.exact.field import rank as rank_modulo
-from echelon.hints import in_quotes
-from echelon.mechanism.assembled import Assembled
-from echelon.mechanism.closed_pose import shown_loops, split_balls
-from echelon.mechanism.mechanism import Mechanism, Reading, Snap
-from echelon.mechanism.stated import StatedValues, has_values, stated_values
-from echelon.regressor.linear_forms import LinearForms
-from echelon.regressor.loops import assembly_of, joints_locked_by_loops
+from echelon.dynamics import LinearForms, assembly_of, joints_locked_by_loops
+from echelon.robot import (
+    Assembled,
+    Mechanism,
+    Reading,
+    Snap,
+    StatedValues,
+    has_values,
+    shown_loops,
+    split_balls,
+    stated_values,
+)
+from echelon.shared import (
+    DegenerateSampleError,
+    InputError,
+    SingularPoseError,
+    in_quotes,
+)
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""

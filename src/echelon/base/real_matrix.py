@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 import flint
 import numpy as np
 
+from echelon.algebra import Number, RationalFunction
 from echelon.base.ball_tables import exact_number, in_decimals, supported, vanishes
 from echelon.base.elimination import Independent
 from echelon.base.matrix import BaseMatrix, StatedNumbers
-from echelon.errors import InputError
-from echelon.exact.polynomial import Number
-from echelon.exact.rational import RationalFunction
+from echelon.shared import InputError
 
 LARGEST_ERROR = 0.5
 """Error that rounding leaves of coefficients, beside columns of size one, at which they say nothing."""

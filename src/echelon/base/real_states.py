@@ -17,28 +17,29 @@ from typing import TYPE_CHECKING, Any
 import flint
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.algebra import (
+    AGREEING_POINTS,
+    DEFAULT_SEED,
+    Geometry,
+    Number,
+    PrimeField,
+    Residues,
+    random_generator,
+    stated_ball,
+    twice_arc_text,
+)
 from echelon.base.ball_rows import ball_rows, states_in
 from echelon.base.ball_tables import Balls, combinations_of, exact_number, vanishes
 from echelon.base.elimination import Independent, eliminated, sizes_shown
 from echelon.base.prime_states import MOST_VISITS
-from echelon.errors import (
+from echelon.dynamics import Rows
+from echelon.shared import (
     ClosedFormError,
     DegenerateSampleError,
+    Floats,
     InputError,
     SingularPoseError,
 )
-from echelon.exact.field import (
-    AGREEING_POINTS,
-    DEFAULT_SEED,
-    Geometry,
-    PrimeField,
-    Residues,
-    random_generator,
-)
-from echelon.exact.polynomial import Number
-from echelon.program.arithmetics import stated_ball, twice_arc_text
-from echelon.regressor.linear_forms import Rows
 
 if TYPE_CHECKING:
     from echelon.loops import Loops

@@ -11,16 +11,15 @@ from math import log10
 import flint
 import numpy as np
 
-from echelon.arrays import Floats
 from echelon.base.ball_checks import BallEvidence
 from echelon.base.ball_rows import ball_rows
 from echelon.base.ball_tables import BALL_BITS, combinations_of, doubles
 from echelon.base.elimination import SMALLEST_SHARE
 from echelon.base.matrix import BaseMatrix
 from echelon.base.spectrum import EXPLAINED, units_of
-from echelon.errors import CertificateError, InputError
-from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.linear_forms import LinearForms
+from echelon.dynamics import LinearForms
+from echelon.robot import Mechanism
+from echelon.shared import CertificateError, Floats, InputError
 
 ROWS_PER_REPRESENTATIVE = 3
 """Sampled rows, relative to the number of representatives."""

@@ -17,6 +17,20 @@ from typing import Any
 import flint
 import numpy as np
 
+from echelon.algebra import (
+    AGREEING_POINTS,
+    DEFAULT_SEED,
+    MOST_ATTEMPTS,
+    SURPLUS_ROWS,
+    PrimeField,
+    Residues,
+    ball,
+    combine,
+    random_generator,
+    rank,
+    rational,
+    reduced_echelon,
+)
 from echelon.base.ball_rows import stated_generators
 from echelon.base.ball_tables import BALL_BITS, Balls, vanishes
 from echelon.base.derive import base_parameters
@@ -25,31 +39,16 @@ from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.real_states import RealStates
-from echelon.doors import public
-from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.field import (
-    AGREEING_POINTS,
-    DEFAULT_SEED,
-    MOST_ATTEMPTS,
-    SURPLUS_ROWS,
-    PrimeField,
-    Residues,
-    random_generator,
-    rank,
-    reduced_echelon,
-)
-from echelon.exact.interpolation import combine, rational
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.sources import Readable, loaded, mechanism_of
-from echelon.models import LinearModel
-from echelon.program.arithmetics import ball
-from echelon.regressor.linear_forms import (
+from echelon.dynamics import (
     LinearForms,
+    LinearModel,
     Rows,
     energy_form,
     power_form,
     virtual_power_form,
 )
+from echelon.robot import Mechanism, Readable, loaded, mechanism_of
+from echelon.shared import DegenerateSampleError, EchelonError, InputError, public
 
 
 @public

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from echelon.base.prime_states import PrimeStates
 from echelon.base.real_states import RealStates
-from echelon.regressor.linear_forms import Rows
+from echelon.dynamics import Rows
 
 
 def states_of(rows: Rows) -> PrimeStates | RealStates:

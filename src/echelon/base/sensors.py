@@ -13,32 +13,42 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.algebra import (
+    AGREEING_POINTS,
+    DEFAULT_SEED,
+    MOST_ATTEMPTS,
+    SOLVING,
+    PrimeField,
+    Residues,
+    Work,
+    persistent,
+    random_generator,
+    rank,
+)
 from echelon.base.ball_spaces import spaces_of
 from echelon.base.derive import silent
 from echelon.base.row_space import row_space
 from echelon.base.stated_values import at_stated_values, stated_structure
-from echelon.doors import Count, NotNegative, public
-from echelon.errors import (
+from echelon.dynamics import LinearForms, virtual_power_form
+from echelon.robot import (
+    GROUND,
+    Cut,
+    Mechanism,
+    Output,
+    Placement,
+    Readable,
+    mechanism_of,
+)
+from echelon.shared import (
     ClosedFormError,
+    Count,
     DegenerateSampleError,
     DoubtWarning,
     EchelonError,
     InputError,
+    NotNegative,
+    public,
 )
-from echelon.exact.field import (
-    AGREEING_POINTS,
-    DEFAULT_SEED,
-    MOST_ATTEMPTS,
-    PrimeField,
-    Residues,
-    random_generator,
-    rank,
-)
-from echelon.exact.unknown_functions import SOLVING, Work, persistent
-from echelon.mechanism.joint import GROUND, Placement
-from echelon.mechanism.mechanism import Cut, Mechanism, Output
-from echelon.mechanism.sources import Readable, mechanism_of
-from echelon.regressor.linear_forms import LinearForms, virtual_power_form
 
 BALL_COST = 100
 """Cost of a rank in ball arithmetic, in ranks modulo a prime."""

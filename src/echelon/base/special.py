@@ -6,15 +6,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+from echelon.algebra import DEFAULT_SEED, Polynomial, cosine, random_generator, sine
 from echelon.base.structure import find_structure
-from echelon.doors import public
-from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.exact.polynomial import Polynomial, cosine, sine
-from echelon.mechanism.joint import Vector
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.sources import Readable, mechanism_of
-from echelon.mechanism.stated import symbol_roles
-from echelon.mechanism.substitute import substituted
+from echelon.robot import (
+    Mechanism,
+    Readable,
+    Vector,
+    mechanism_of,
+    substituted,
+    symbol_roles,
+)
+from echelon.shared import public
 
 _ZERO, _ONE = Polynomial({}), Polynomial.constant(1)
 _TURNS = (

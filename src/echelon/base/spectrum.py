@@ -16,15 +16,12 @@ from math import inf, log
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.algebra import DEFAULT_SEED, random_generator
 from echelon.base.elimination import Independent
 from echelon.base.real_states import SURPLUS, RealStates
-from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.hints import MOST_NAMED
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.nudge import nudged
-from echelon.mechanism.stated import characteristic_length
-from echelon.regressor.linear_forms import rows_of
+from echelon.dynamics import rows_of
+from echelon.robot import Mechanism, characteristic_length, nudged
+from echelon.shared import MOST_NAMED, Floats
 
 EXPLAINED = 10_000.0
 """Singular value, as a share of the largest, that rounding by one unit of the last decimal explains at most."""

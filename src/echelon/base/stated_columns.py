@@ -15,26 +15,28 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
+from echelon.algebra import (
+    SURPLUS_ROWS,
+    Number,
+    Polynomial,
+    PrimeField,
+    RationalFunction,
+    Residues,
+    UnknownFunctions,
+    Work,
+    ball,
+    by_pivots,
+    interpolate,
+    persistent,
+    residues_at,
+    substituted,
+)
 from echelon.base.ball_rows import ball_rows, stated_generators
 from echelon.base.ball_tables import BALL_BITS, Balls, ball_error, rounded
 from echelon.base.closed_form import Dependence, PlacedDependence
 from echelon.base.matrix import StatedNumbers
-from echelon.errors import ClosedFormError
-from echelon.exact.field import (
-    SURPLUS_ROWS,
-    PrimeField,
-    Residues,
-    by_pivots,
-    residues_at,
-    substituted,
-)
-from echelon.exact.interpolation import interpolate
-from echelon.exact.polynomial import Number, Polynomial
-from echelon.exact.rational import RationalFunction
-from echelon.exact.unknown_functions import UnknownFunctions, Work, persistent
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, symbol_roles, value_texts
-from echelon.program.arithmetics import ball
+from echelon.robot import Mechanism, all_symbols, symbol_roles, value_texts
+from echelon.shared import ClosedFormError
 
 _MOST_BITS = 8 * BALL_BITS
 LARGEST_RELATIVE_ERROR = 1e-60

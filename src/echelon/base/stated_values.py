@@ -14,26 +14,30 @@ from itertools import combinations, product
 
 import numpy as np
 
-from echelon.base.matrix import BaseMatrix
-from echelon.base.structure import Structure, find_structure
-from echelon.errors import DegenerateSampleError, EchelonError, InputError
-from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle, decimal_text
-from echelon.exact.field import (
+from echelon.algebra import (
     CERTIFICATE_BITS,
     DEFAULT_SEED,
+    STEPS_PER_HALF_TURN,
+    Angle,
+    Polynomial,
     PrimeField,
+    Surd,
+    decimal_text,
+    format_polynomial,
     random_generator,
 )
-from echelon.exact.polynomial import Polynomial, Surd, format_polynomial
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import (
+from echelon.base.matrix import BaseMatrix
+from echelon.base.structure import Structure, find_structure
+from echelon.robot import (
     UNITS,
+    Mechanism,
     StatedValues,
     angle_generators,
     stated_values,
+    substituted,
     symbol_roles,
 )
-from echelon.mechanism.substitute import substituted
+from echelon.shared import DegenerateSampleError, EchelonError, InputError
 
 MOST_STRUCTURES = 400
 """Structures of a search for relations; after it, values stand for relations that were not found."""

@@ -3,7 +3,7 @@
 Cost must follow the chain and not the whole robot, so dependent columns are first looked for joint by joint: whatever
 parameters of a body can be moved to its parent when the *parent moves freely* can be moved in every mechanism, because
 the true motions of the parent are among the free ones.  These pairs of bodies are tiny.  Of what remains, most columns
-are shown to be independent block by block (see :mod:`echelon.regressor.blocks`), which are tiny, too.  The rest, near
+are shown to be independent block by block (see :mod:`echelon.dynamics.blocks`), which are tiny, too.  The rest, near
 the base and around couplings, is eliminated at once.
 """
 
@@ -16,40 +16,44 @@ from operator import matmul
 
 import numpy as np
 
-from echelon.arrays import one_thread
+from echelon.algebra import (
+    AGREEING_POINTS,
+    MOST_ATTEMPTS,
+    SURPLUS_ROWS,
+    FieldSampler,
+    PrimeField,
+    by_pivots,
+    persistent,
+)
 from echelon.base.ball_tables import vanishes
 from echelon.base.elimination import Independent
 from echelon.base.real_states import RealStates
 from echelon.base.spectrum import RankSpectrum, spectrum_of, units_of
-from echelon.doors import public
-from echelon.errors import DegenerateSampleError, EchelonError, SingularPoseError
-from echelon.exact.field import (
-    AGREEING_POINTS,
-    MOST_ATTEMPTS,
-    SURPLUS_ROWS,
-    PrimeField,
-    by_pivots,
-)
-from echelon.exact.unknown_functions import persistent
-from echelon.mechanism.joint import (
-    ALL,
-    GROUND,
-    Body,
-    Joint,
-    Motion,
-    Placement,
-    Step,
-    floating_motions,
-)
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.schedule import FieldSampler
-from echelon.regressor.linear_forms import (
+from echelon.dynamics import (
     FEW_COLUMNS,
     LinearForms,
     Rows,
     energy_changes,
     energy_form,
     rows_of,
+)
+from echelon.robot import (
+    ALL,
+    GROUND,
+    Body,
+    Joint,
+    Mechanism,
+    Motion,
+    Placement,
+    Step,
+    floating_motions,
+)
+from echelon.shared import (
+    DegenerateSampleError,
+    EchelonError,
+    SingularPoseError,
+    one_thread,
+    public,
 )
 
 BRANCHES = 6

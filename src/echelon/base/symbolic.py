@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from echelon.algebra import FUNCTIONS, Op
 from echelon.base.expression import latex_symbol
-from echelon.doors import public
-from echelon.errors import one_line
-from echelon.extras import extra
-from echelon.program.operations import FUNCTIONS, Op
+from echelon.shared import extra, one_line, public
 
 if TYPE_CHECKING:
     import sympy

@@ -13,8 +13,8 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
-from echelon.choices import Measured, Order
 from echelon.cli.screen import set_verbosity
+from echelon.shared import Measured, Order
 
 
 class _Commands(TyperGroup):
@@ -49,7 +49,7 @@ class _Application(typer.Typer):
 
 def _with_verbosity(command: Command) -> Command:
     def run(verbose: bool, **given: Any) -> Any:
-        from echelon.inputs import READ
+        from echelon.shared import READ
 
         set_verbosity(verbose)
         READ.clear()
@@ -104,7 +104,7 @@ app = application(
 
 def _version(show: bool) -> None:
     if show:
-        from echelon.version import __version__
+        from echelon.shared import __version__
 
         typer.echo(f"echelon {__version__}")
         raise typer.Exit

@@ -14,7 +14,6 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from echelon.choices import Estimator, ValuesToUse
 from echelon.cli.app import (
     AsJson,
     Budget,
@@ -28,8 +27,8 @@ from echelon.cli.app import (
     reads_robot,
 )
 from echelon.cli.screen import json_text, show
-from echelon.errors import InputError, one_line
-from echelon.machine.target import VARIABLES
+from echelon.compute import VARIABLES
+from echelon.shared import Estimator, InputError, ValuesToUse, one_line
 
 __all__ = ["app", "run"]
 
@@ -129,9 +128,9 @@ def derive(
             f"{asked[0]} prints numbers; it takes no --order, --prefer, LaTeX or Markdown"
         )
 
+    from echelon.algebra import DEFAULT_SEED
     from echelon.cli import derive
     from echelon.cli.destination import output_file
-    from echelon.exact.field import DEFAULT_SEED
 
     target, seed = output_file(output, force), DEFAULT_SEED if seed is None else seed
     derivation = {"order": order, "prefer": tuple(prefer or ()), "generic": generic}
@@ -166,8 +165,8 @@ def sensors(
     Candidates are the outputs that the description states; without any, all actuators and a wrench sensor under the
     base.
     """
+    from echelon.algebra import DEFAULT_SEED
     from echelon.cli.derive import run_sensors
-    from echelon.exact.field import DEFAULT_SEED
 
     run_sensors(
         robot,
@@ -443,9 +442,9 @@ def audit(
     force: Force = False,
 ) -> None:
     """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
-    from echelon.claims.audit import audit
+    from echelon.base import audit
     from echelon.cli.destination import deliver, output_file
-    from echelon.formats.robot_file import load
+    from echelon.formats import load
 
     target, defined = output_file(output, force), _definitions(define or ())
     found = audit(
@@ -475,21 +474,17 @@ def schema(
     which: Annotated[Schema, typer.Argument(help="Which schema to print.")],
 ) -> None:
     """Print the JSON schema of a file format."""
-    from echelon.results.schema import (
-        BaseModelRecord,
-        IdentifiedRecord,
-        LinearBaseRecord,
-        json_schema,
-    )
+    from echelon.base import BaseModelRecord, LinearBaseRecord, json_schema
+    from echelon.identification import IdentifiedRecord
 
     if which == "description":
-        from echelon.formats.schema.robot_schema import (
+        from echelon.formats import (
             json_schema as description_schema,
         )
 
         found = description_schema()
     elif which == "trajectory":
-        from echelon.excite.files.trajectory_file import trajectory_schema
+        from echelon.excite import trajectory_schema
 
         found = trajectory_schema()
     else:
@@ -522,7 +517,7 @@ def _report(error: Exception) -> int:
     """One line for what a user can mend, a traceback for our own mistakes or on request; returns the exit code."""
     from traceback import print_exception
 
-    from echelon.errors import EchelonError
+    from echelon.shared import EchelonError
 
     expected = isinstance(error, EchelonError | OSError)
     if expected and not os.environ.get("ECHELON_TRACEBACK"):

@@ -9,30 +9,35 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from echelon.base.derive import SpecialisedMechanism, base_parameters, specialised
-from echelon.base.display import to_latex, to_markdown, to_text
-from echelon.base.linear_base import LinearBase
-from echelon.base.model import BaseModel
-from echelon.base.numeric_comparison import NumericComparison, compare_numeric
-from echelon.base.reading_report import (
+from echelon.algebra import random_generator
+from echelon.base import (
+    BaseModel,
+    LinearBase,
     MimicRanks,
+    NumericComparison,
+    SensorReport,
+    SpecialGeometry,
+    SpecialisedMechanism,
+    base_parameters,
+    compare_numeric,
     doubt_of_loops,
     mechanism_notes,
     mimic_ranks,
     moved_to_close,
+    sensor_report,
+    special_geometry,
+    specialised,
+    to_json,
+    to_latex,
+    to_markdown,
+    to_text,
 )
-from echelon.base.sensors import SensorReport, sensor_report
-from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import json_text, say_time, steps
-from echelon.errors import InputError, one_line
-from echelon.exact.field import random_generator
-from echelon.formats.robot_file import load, load_model
-from echelon.mechanism.assembled import Assembled
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols
-from echelon.models import LinearModel
-from echelon.results.saved import to_json
+from echelon.dynamics import LinearModel
+from echelon.formats import load, load_model
+from echelon.robot import Assembled, Mechanism, all_symbols
+from echelon.shared import InputError, one_line
 
 
 def run_derive(

@@ -14,9 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from echelon.cli.screen import show
-from echelon.errors import InputError, one_line
-from echelon.files import FileTarget, target_of, write_all, written_into
-from echelon.inputs import READ
+from echelon.shared import (
+    READ,
+    FileTarget,
+    InputError,
+    one_line,
+    target_of,
+    write_all,
+    written_into,
+)
 
 MANIFEST = ".echelon.json"
 """Name of the file that holds, for a folder, the SHA-256 digest of every output by its name."""

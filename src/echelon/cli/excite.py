@@ -13,11 +13,8 @@ from rich.text import Text
 
 from echelon.cli.screen import say_time, say_written, show
 from echelon.cli.terminal import plain_table, print_findings
-from echelon.errors import one_line
-from echelon.excite.excite import ExcitingTrajectory
-from echelon.excite.files.trajectory_file import design_to_json
-from echelon.excite.problem.task import UNCHECKED
-from echelon.excite.verify import when_kept
+from echelon.excite import UNCHECKED, ExcitingTrajectory, design_to_json, when_kept
+from echelon.shared import one_line
 
 
 def say(

@@ -12,10 +12,10 @@ from typing import Annotated, Any
 
 import typer
 
-from echelon.choices import Family, Optimality
 from echelon.cli.app import AsJson, Force, app, reads_robot
 from echelon.cli.process import SIGNALLED, stop_asked
 from echelon.cli.screen import steps
+from echelon.shared import Family, Optimality
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
 BROKEN = 1  # exit code where a limit is broken
@@ -126,15 +126,15 @@ def excite(
     """
     from echelon.cli.destination import Destination
     from echelon.cli.excite import say
-    from echelon.excite.excite import exciting_trajectory
-    from echelon.excite.files.trajectory_file import (
+    from echelon.excite import (
         design_to_json,
+        exciting_trajectory,
+        information_of_logs,
         text_of,
         trajectory_content,
     )
-    from echelon.excite.problem.prior_model import information_of_logs
-    from echelon.report.preview import preview_html
-    from echelon.setup.setup import load_setup
+    from echelon.identification import load_setup
+    from echelon.report import preview_html
 
     started = perf_counter()
     changed = _stated(
@@ -213,12 +213,10 @@ def check_trajectory(
     """Judge a trajectory made elsewhere by the limits of a set-up; exit code 1 if it breaks one."""
     from echelon.cli.destination import output_file
     from echelon.cli.excite import say
-    from echelon.excite.excite import judged_trajectory
-    from echelon.excite.files.trajectory_file import read_trajectory
-    from echelon.excite.problem.task import changed as changed_entry
-    from echelon.excite.problem.task import task_of
-    from echelon.report.preview import preview_html
-    from echelon.setup.setup import load_setup
+    from echelon.excite import changed as changed_entry
+    from echelon.excite import judged_trajectory, read_trajectory, task_of
+    from echelon.identification import load_setup
+    from echelon.report import preview_html
 
     started, page = perf_counter(), output_file(output, force)
     changed = _stated(move=move or None, model=model and str(model.absolute()))

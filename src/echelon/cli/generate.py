@@ -15,10 +15,10 @@ import typer
 
 from echelon.cli.app import Force, Ordering, Prefer, Seed, app, reading, reads_robot
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
-from echelon.errors import CertificateError, InputError, one_line
+from echelon.shared import CertificateError, InputError, one_line
 
 if TYPE_CHECKING:
-    from echelon.base.model import BaseModel
+    from echelon.base import BaseModel
     from echelon.cli.destination import Destination
     from echelon.codegen import Source
 
@@ -139,7 +139,7 @@ def read_values(path: Path) -> dict[str, float]:
     """Values by name, from a JSON object or from lines ``name,value``."""
     import csv
 
-    from echelon.inputs import parse_json, read_document
+    from echelon.shared import parse_json, read_document
 
     text = read_document(path)
     data = parse_json(text, str(path)) if text.lstrip().startswith("{") else None
@@ -160,7 +160,7 @@ def read_values(path: Path) -> dict[str, float]:
 def _value(value: object, name: str, path: Path) -> float:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise TypeError
-    from echelon.exact.expressions import parse_decimal
+    from echelon.algebra import parse_decimal
 
     try:
         return float(parse_decimal(str(value).strip()))
@@ -186,11 +186,9 @@ def _csv_pairs(text: str) -> list[tuple[str, str]]:
 def _base(
     robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]
 ) -> BaseModel:
-    from echelon.base.derive import base_parameters
-    from echelon.formats.robot_file import load_model
-    from echelon.models import LinearModel
-    from echelon.results.model_file import holds_saved_base
-    from echelon.results.saved import load_base
+    from echelon.base import base_parameters, holds_saved_base, load_base
+    from echelon.dynamics import LinearModel
+    from echelon.formats import load_model
 
     if holds_saved_base(robot):
         if read != reading() or derivation != {"order": "base-to-tip", "prefer": ()}:

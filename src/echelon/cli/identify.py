@@ -18,31 +18,32 @@ from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.cli.terminal import print_identification, print_servos
 from echelon.codegen import TARGETS
-from echelon.errors import InputError, one_line
-from echelon.extras import extra
-from echelon.hints import nearest_of
-from echelon.identification.cluster import connect
-from echelon.identification.fit_findings import limited
-from echelon.identification.identify import identify
-from echelon.identification.judging import explained_rate
-from echelon.identification.predict import Prediction, predict_log
-from echelon.identification.scores import Score
-from echelon.identification.servos.servo_fit import fit_servos
-from echelon.identification.servos.servo_start import servo_joints
-from echelon.identification.survey import FirstLook, first_look
-from echelon.logs.finding import counted
-from echelon.results.identified import (
+from echelon.identification import (
+    FirstLook,
+    Prediction,
+    Score,
+    Setup,
+    connect,
+    counted,
+    explained_rate,
+    first_look,
+    fit_servos,
     identification_to_json,
+    identify,
+    limited,
     load_identified,
+    load_setup,
+    predict_log,
     score_record,
     servo_document,
+    servo_joints,
     servo_to_json,
+    with_logs,
 )
-from echelon.setup.logs import with_logs
-from echelon.setup.setup import Setup, load_setup
+from echelon.shared import InputError, extra, nearest_of, one_line
 
 if TYPE_CHECKING:
-    from echelon.identification.result import Identification
+    from echelon.identification import Identification
 
 
 NO_CODE = "none"
@@ -101,9 +102,9 @@ def run_identify(
 
 def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
     """Everything that is written, by name, so that nothing is written unless all of it can be."""
-    from echelon.formats.writers.robot_writer import identified_robot
-    from echelon.identification.physics.fit import KIND as FAR_FROM_PRIOR
-    from echelon.report.report import report_html
+    from echelon.formats import identified_robot
+    from echelon.identification import KIND as FAR_FROM_PRIOR
+    from echelon.report import report_html
 
     files = {MODEL: identification_to_json(result), REPORT: report_html(result)}
     if result.physical is not None:
@@ -306,7 +307,7 @@ def _record(found: FirstLook) -> dict[str, Any]:
 
 def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> None:
     """Write a set-up for a robot and its logs, and say what it leaves open."""
-    from echelon.setup.skeleton import skeleton
+    from echelon.identification import skeleton
 
     with steps(f"looking at {logs[0]}"):
         found = skeleton(

@@ -18,7 +18,7 @@ from io import TextIOWrapper
 from types import FrameType
 from typing import Any
 
-from echelon.errors import AssemblyWarning, DoubtWarning, SlowWarning, one_line
+from echelon.shared import AssemblyWarning, DoubtWarning, SlowWarning, one_line
 
 _STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 SIGNALLED = 128  # added to a signal's number, the exit code of a process that it ended

@@ -12,7 +12,7 @@ from time import perf_counter
 
 import typer
 
-from echelon.errors import one_line
+from echelon.shared import one_line
 
 _NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
 _state = {"verbose": False}

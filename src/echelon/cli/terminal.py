@@ -10,25 +10,26 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from echelon.base.display import (
+from echelon.base import (
+    BaseModel,
+    Identifiability,
     classification_rows,
     facts,
     headline,
     legend,
     shown_expressions,
 )
-from echelon.base.matrix import Identifiability
-from echelon.base.model import BaseModel
-from echelon.conventions import PARAMETERS
-from echelon.errors import one_line
-from echelon.logs.finding import Finding, Severity, counted
+from echelon.identification import Finding, Severity, counted
+from echelon.shared import PARAMETERS, one_line
 
 if TYPE_CHECKING:
-    from echelon.identification.estimators.estimate import Estimate
-    from echelon.identification.judge.judge import Judged
-    from echelon.identification.result import Identification
-    from echelon.identification.scores import Validation
-    from echelon.identification.servos.servo_fit import ServoFit
+    from echelon.identification import (
+        Estimate,
+        Identification,
+        Judged,
+        ServoFit,
+        Validation,
+    )
 
 _COLOURS = {
     Identifiability.ALONE: "green",

@@ -6,11 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from echelon.base.certificate import Certificate
+from echelon.base import Certificate, judge, load_set, verify
 from echelon.cli.screen import json_text, show, steps
-from echelon.errors import CertificateError, one_line
-from echelon.results.echelon_verify import judge
-from echelon.results.saved import load_set, verify
+from echelon.shared import CertificateError, one_line
 
 VALID, REFUTED, NOT_COVERED = 0, 1, 3
 """Exit codes, which are those of the independent verifier, too."""

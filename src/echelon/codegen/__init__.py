@@ -1,9 +1,5 @@
 """Source code of a robot's functions: one plan of statements, one printer and some templates for each language."""
 
-from echelon.codegen.constants import FROM_FILE as FROM_FILE
-from echelon.codegen.language import TARGETS as TARGETS
-from echelon.codegen.language import Precision as Precision
-from echelon.codegen.source import Source as Source
-from echelon.codegen.source import generate as generate
-from echelon.codegen.source import operation_counts as operation_counts
-from echelon.codegen.source import operations_text as operations_text
+from echelon.shared.facade import door
+
+__all__, __getattr__, __dir__ = door(__name__)

@@ -12,19 +12,24 @@ from fractions import Fraction
 
 import numpy as np
 
-from echelon.base.model import BaseModel
-from echelon.dynamics.arguments import parameter_input
-from echelon.errors import InputError, one_line
-from echelon.exact.polynomial import Number, Surd, parts_of
-from echelon.hints import in_quotes
-from echelon.mechanism.joint import Symbol
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, symbol_values
-from echelon.program.function import Argument, Function
-from echelon.program.operations import Op
-from echelon.program.rewriting import recorded, replayed
-from echelon.program.schedule import FloatArithmetic
-from echelon.program.tape import Program, Scalar, exact
+from echelon.algebra import (
+    Argument,
+    FloatArithmetic,
+    Function,
+    Number,
+    Op,
+    Program,
+    Scalar,
+    Surd,
+    exact,
+    parts_of,
+    recorded,
+    replayed,
+)
+from echelon.base import BaseModel
+from echelon.dynamics import parameter_input
+from echelon.robot import Mechanism, Symbol, all_symbols, symbol_values
+from echelon.shared import InputError, in_quotes, one_line
 
 FROM_FILE = "file"  # the parameters that the robot's file states
 

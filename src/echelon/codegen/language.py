@@ -14,10 +14,9 @@ from math import isfinite
 
 import numpy as np
 
-from echelon.errors import InputError, one_line
-from echelon.exact.polynomial import Number
-from echelon.program.operations import FUNCTIONS as OPERATIONS
-from echelon.program.operations import Op
+from echelon.algebra import FUNCTIONS as OPERATIONS
+from echelon.algebra import Number, Op
+from echelon.shared import InputError, one_line
 
 # words that a language reserves, or that name a library which the generated code itself uses
 _WORDS = """

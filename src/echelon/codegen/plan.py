@@ -13,15 +13,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from echelon.program.function import (
+from echelon.algebra import (
     Function,
+    Op,
+    Program,
     cut,
     depth_first,
     operands,
     waiting_places,
 )
-from echelon.program.operations import Op
-from echelon.program.tape import Program
 
 LONGEST_PART = 1000  # statements of one part, at most
 

@@ -9,9 +9,8 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from echelon.base.derive import base_of
-from echelon.base.expression import Expression, TextStyle, angle_text, render
-from echelon.base.model import BaseModel
+from echelon.algebra import Argument, Function, Number, Op, is_trigonometric
+from echelon.base import BaseModel, Expression, TextStyle, angle_text, base_of, render
 from echelon.codegen.constants import (
     SHARED,
     kept_symbols,
@@ -29,15 +28,9 @@ from echelon.codegen.language import (
     unit_text,
 )
 from echelon.codegen.views import LANES, FunctionView, view
-from echelon.doors import public
-from echelon.dynamics.functions import ALL_FUNCTIONS
-from echelon.errors import InputError, one_line
-from echelon.exact.polynomial import Number, is_trigonometric
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.sources import Readable
-from echelon.program.function import Argument, Function
-from echelon.program.operations import Op
-from echelon.version import __version__
+from echelon.dynamics import ALL_FUNCTIONS
+from echelon.robot import Mechanism, Readable
+from echelon.shared import InputError, __version__, one_line, public
 
 if TYPE_CHECKING:
     from jinja2 import Environment

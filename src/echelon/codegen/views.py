@@ -12,6 +12,7 @@ from itertools import product
 from math import prod
 from sys import maxsize
 
+from echelon.algebra import Argument, Function, Number, Op, Program, is_negative
 from echelon.codegen.language import Language, Precision
 from echelon.codegen.plan import (
     LONGEST_PART,
@@ -21,10 +22,6 @@ from echelon.codegen.plan import (
     plan,
     used_names,
 )
-from echelon.exact.polynomial import Number, is_negative
-from echelon.program.function import Argument, Function
-from echelon.program.operations import Op
-from echelon.program.tape import Program
 
 
 class Binding(IntEnum):

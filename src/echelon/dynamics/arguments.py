@@ -8,12 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import symbol_values
-from echelon.program.function import Argument, Function
-from echelon.program.operations import Op
-from echelon.program.tape import Program, Scalar
+from echelon.algebra import Argument, Function, Op, Program, Scalar
+from echelon.robot import Mechanism, MotionKind, symbol_values
 
 STATE = ("q", "qd", "qdd")  # positions, velocities and accelerations
 

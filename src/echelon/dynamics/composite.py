@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from echelon.algebra import Scalar
 from echelon.dynamics.recursion import (
     MASS,
     BackwardPass,
@@ -38,8 +39,8 @@ from echelon.dynamics.recursion import (
     body_wrench,
     plus,
 )
-from echelon.inertia import Array
-from echelon.mechanism.steps import (
+from echelon.robot import (
+    Array,
     Freedom,
     Mat,
     Vec,
@@ -51,7 +52,6 @@ from echelon.mechanism.steps import (
     into_frame,
     scale,
 )
-from echelon.program.tape import Scalar
 
 Symmetric = dict[
     tuple[str, str], Scalar

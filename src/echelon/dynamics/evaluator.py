@@ -14,7 +14,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Flags, Floats
+from echelon.algebra import Argument, Function
+from echelon.compute import Kernel, real_array, value_of
 from echelon.dynamics.arguments import STANDARD, STATE, geometry_values
 from echelon.dynamics.functions import (
     Builder,
@@ -23,12 +24,9 @@ from echelon.dynamics.functions import (
     closed_velocities,
     closure_pivots,
 )
-from echelon.errors import InputError
 from echelon.loops import NEGLIGIBLE, Assembly, largest
-from echelon.machine.kernel import Kernel, real_array, value_of
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import symbol_values
-from echelon.program.function import Argument, Function
+from echelon.robot import Mechanism, symbol_values
+from echelon.shared import Flags, Floats, InputError
 
 _STEP = 1e-9  # rad or characteristic lengths: what Newton's iteration leaves after a step that small is rounding
 _SINGULAR = NEGLIGIBLE**2  # pivots are squares

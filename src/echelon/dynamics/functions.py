@@ -14,17 +14,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from echelon.algebra import (
+    DEFAULT_SEED,
+    FloatArithmetic,
+    Function,
+    Op,
+    Program,
+    Scalar,
+    Schedule,
+    random_generator,
+)
 from echelon.dynamics.arguments import Arguments, coordinate_units, row_names
+from echelon.dynamics.linear_forms import inverse_dynamics_regressor
+from echelon.dynamics.loop_rows import dependent_motion
 from echelon.dynamics.outputs import RecordedOutputs
-from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Function
-from echelon.program.operations import Op
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program, Scalar
-from echelon.regressor.linear_forms import inverse_dynamics_regressor
-from echelon.regressor.loops import dependent_motion
+from echelon.robot import Mechanism
+from echelon.shared import InputError
 
 if TYPE_CHECKING:
     from echelon.loops import DependentMotion

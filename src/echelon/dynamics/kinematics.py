@@ -7,14 +7,14 @@ from functools import cached_property, reduce
 
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.algebra import Function, Program, derivatives
+from echelon.compute import Kernel
 from echelon.dynamics.arguments import Arguments, geometry_values
-from echelon.machine.kernel import Kernel
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.steps import (
+from echelon.robot import (
     Mat,
+    Mechanism,
+    RecordedStep,
     Recorder,
-    Step,
     Vec,
     add,
     apply,
@@ -22,9 +22,7 @@ from echelon.mechanism.steps import (
     identity,
     product,
 )
-from echelon.program.derivatives import derivatives
-from echelon.program.function import Function
-from echelon.program.tape import Program
+from echelon.shared import Floats
 
 _ENTRIES = (
     12  # of a frame: its rotation's rows, each followed by a coordinate of its origin
@@ -107,7 +105,7 @@ def body_frames(recorder: Recorder) -> list[tuple[Mat, Vec]]:
     return [frames[index] for index in range(len(recorder.mechanism.bodies))]
 
 
-def moved(frame: tuple[Mat, Vec], step: Step) -> tuple[Mat, Vec]:
+def moved(frame: tuple[Mat, Vec], step: RecordedStep) -> tuple[Mat, Vec]:
     """A frame behind one more step."""
     rotation, shift = frame
     if step.shift is not None:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echelon.conventions import PER_BODY
+from echelon.algebra import Op, Polynomial, Program, Scalar, derivatives
 from echelon.dynamics.arguments import Arguments, parameter_input, row_names
 from echelon.dynamics.composite import (
     by_quaternion,
@@ -31,35 +31,30 @@ from echelon.dynamics.composite import (
     efforts_at_rest,
     mass_matrix,
 )
+from echelon.dynamics.loop_rows import dependent_motion
 from echelon.dynamics.recursion import MASS, ForwardPass, efforts
-from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial
-from echelon.inertia import Array, pseudo_inertia
-from echelon.mechanism.effect import Side
-from echelon.mechanism.joint import (
+from echelon.robot import (
     GROUND,
     ORIGIN,
+    Array,
+    EffectRecorder,
     Joint,
+    Mechanism,
     MotionKind,
     Placement,
-    Step,
-    Vector,
-    merge,
-)
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.steps import (
-    EffectRecorder,
     Probes,
     Recorder,
+    Side,
+    Step,
+    Vector,
     VirtualMotion,
+    merge,
     motion_of_joints,
+    pseudo_inertia,
     virtual_motion,
 )
-from echelon.mechanism.steps import Step as Recorded
-from echelon.program.derivatives import derivatives
-from echelon.program.operations import Op
-from echelon.program.tape import Program, Scalar
-from echelon.regressor.loops import dependent_motion
+from echelon.robot import RecordedStep as Recorded
+from echelon.shared import PER_BODY, InputError
 
 if TYPE_CHECKING:
     from echelon.loops import DependentMotion

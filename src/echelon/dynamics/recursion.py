@@ -15,7 +15,7 @@ moment h × a + vee(U Σ).  The entries of U are at hand from the motion of the 
 uniform is used: each component of the moment has a pair of terms that can be written with Σ and U, or with the inertia
 tensor, ω̇ and ω ωᵀ.
 
-This recursion has nothing in common with the one that certificates rest on (:mod:`echelon.regressor.linear_forms`).
+This recursion has nothing in common with the one that certificates rest on (:mod:`echelon.dynamics.linear_forms`).
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from echelon.inertia import Array
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, transpose
-from echelon.mechanism.joint import Step as Described
-from echelon.mechanism.steps import (
+from echelon.algebra import Scalar
+from echelon.robot import (
+    GROUND,
+    Array,
     Freedom,
     Mat,
+    Motion,
+    MotionKind,
     Probes,
+    RecordedStep,
     Recorder,
-    Step,
     Vec,
     add,
     apply,
@@ -44,8 +46,9 @@ from echelon.mechanism.steps import (
     into_frame,
     product,
     scale,
+    transpose,
 )
-from echelon.program.tape import Scalar
+from echelon.robot import Step as Described
 
 MASS = 3  # row of the mass and of first moments in a pseudo-inertia
 
@@ -103,7 +106,7 @@ class ParallelRotations:
 class Transform:
     """A step that was taken, and how the frames before and behind it move."""
 
-    step: Step
+    step: RecordedStep
     start: FrameMotion
     end: FrameMotion
     parallel: ParallelRotations | None = None  # those that a rotation has continued
@@ -164,7 +167,9 @@ class ForwardPass:
         self.transforms[index] = [*before, *own, *behind]
         return frame
 
-    def _sensed(self, frame: _MovingFrame, steps: Sequence[Step]) -> list[Transform]:
+    def _sensed(
+        self, frame: _MovingFrame, steps: Sequence[RecordedStep]
+    ) -> list[Transform]:
         """Steps into the frames of sensors and back, on which nothing moves."""
         found = []
         for step in steps:
@@ -173,7 +178,7 @@ class ForwardPass:
         return found
 
     def _advanced(
-        self, frame: _MovingFrame, described: Described | None, step: Step
+        self, frame: _MovingFrame, described: Described | None, step: RecordedStep
     ) -> tuple[_MovingFrame, Transform]:
         start = now = frame.motion
         parallel = frame.parallel
@@ -206,7 +211,7 @@ class ForwardPass:
         now: FrameMotion,
         parallel: ParallelRotations | None,
         motion: Motion,
-        step: Step,
+        step: RecordedStep,
     ) -> tuple[_MovingFrame, Transform]:
         """A rotation about a coordinate axis."""
         (freedom,) = step.freedoms

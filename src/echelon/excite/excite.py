@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.doors import public
-from echelon.errors import InputError
+from echelon.base import BaseModel
 from echelon.excite.problem.clearance import Clearance
 from echelon.excite.problem.closed_loops import LoopLimits, LoopMotion, state_regressor
 from echelon.excite.problem.information import condition_number, log_det, sample_times
@@ -24,10 +21,9 @@ from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.solve.design import Chance, designed, safe, searched
 from echelon.excite.solve.solver import Watch
 from echelon.excite.verify import Margin, margins_of
-from echelon.logs.finding import Finding, warning
-from echelon.mechanism.sources import Readable
-from echelon.setup.setup import Setup, setup_of, with_file_effects
-from echelon.version import __version__
+from echelon.identification import Finding, Setup, setup_of, warning, with_file_effects
+from echelon.robot import Readable
+from echelon.shared import Floats, InputError, __version__, public
 
 MOMENTS = 40  # times at which conditioning is reported
 

@@ -27,9 +27,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, Integers
-from echelon.errors import EchelonError, InputError
-from echelon.exact.polynomial import Polynomial
+from echelon.algebra import Interval, Polynomial
 from echelon.excite.problem.clearance import Clearance
 from echelon.excite.problem.closed_loops import (
     FULL_WEIGHT,
@@ -42,10 +40,17 @@ from echelon.excite.problem.state_limits import Enclosed, MotionLimit, StateCons
 from echelon.excite.problem.task import Task
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.loops import LARGEST_CORRECTION, largest, position_rates
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement, Step
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import placement_matrix, symbol_values
-from echelon.program.intervals import Interval
+from echelon.robot import (
+    GROUND,
+    Mechanism,
+    Motion,
+    MotionKind,
+    Placement,
+    Step,
+    placement_matrix,
+    symbol_values,
+)
+from echelon.shared import EchelonError, Floats, InputError, Integers
 
 ACTIVE = 0.02  # share of a limit's range within which it counts as active
 

@@ -22,9 +22,7 @@ from operator import matmul
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.exact.expressions import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.polynomial import Polynomial, cosine_of_turn
+from echelon.algebra import STEPS_PER_HALF_TURN, Angle, Polynomial, cosine_of_turn
 from echelon.formats.snapping import (
     COMPUTED_ROUNDING,
     LENGTH_TOLERANCE,
@@ -32,8 +30,7 @@ from echelon.formats.snapping import (
     TO_AXIS,
     Snapping,
 )
-from echelon.mechanism.closed_pose import parted
-from echelon.mechanism.joint import (
+from echelon.robot import (
     ALL,
     GROUND,
     Body,
@@ -42,19 +39,21 @@ from echelon.mechanism.joint import (
     Motion,
     MotionKind,
     Placement,
+    Snap,
     Step,
     Vector,
     floating_motions,
+    largest_offset,
     merge,
     multiply,
+    parted,
     rotate,
     shift,
     transpose,
     turn,
+    vanishes,
 )
-from echelon.mechanism.mechanism import Snap
-from echelon.mechanism.stated import largest_offset, vanishes
-from echelon.names import check_title
+from echelon.shared import Floats, check_title
 
 BASE = "base"  # what a parent is called that is the base, unless a body has that name
 

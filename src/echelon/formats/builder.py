@@ -13,10 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.exact.expressions import Angle
-from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.algebra import Angle, Polynomial, as_polynomial
 from echelon.formats.bodies import Bodies, Part, placed_before, with_relations
 from echelon.formats.literal import (
     LiteralClosure,
@@ -35,27 +32,25 @@ from echelon.formats.literal import (
 from echelon.formats.met_frames import second_frame
 from echelon.formats.rounding import rounding_of_tree
 from echelon.formats.snapping import PRECISION, ReadingOptions, Snapping, gravity_vector
-from echelon.mechanism.closure import Closure
-from echelon.mechanism.effect import Side
-from echelon.mechanism.impossible import stated_impossibilities
-from echelon.mechanism.joint import (
+from echelon.robot import (
     ALL,
     GROUND,
-    Motion,
-    MotionKind,
-    Placement,
-    Step,
-    merge,
-)
-from echelon.mechanism.mechanism import (
+    Closure,
     Cut,
     Force,
     Mechanism,
+    Motion,
+    MotionKind,
     Output,
+    Placement,
+    Side,
     Snap,
+    Step,
+    merge,
     setup_placements,
+    stated_impossibilities,
 )
-from echelon.names import symbol_stem
+from echelon.shared import Floats, InputError, symbol_stem
 
 Ride = tuple[int, tuple[LiteralPlacement, ...]]
 """The body that carries something, or GROUND, and the placements from its frame to what it carries."""

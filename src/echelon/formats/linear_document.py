@@ -11,13 +11,10 @@ from typing import Any, Literal
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
-from echelon.doors import public
-from echelon.errors import locating
-from echelon.extras import extra
+from echelon.algebra import to_sympy
+from echelon.dynamics import LinearModel
 from echelon.formats.description.document import Document, read_text
-from echelon.inputs import read_content
-from echelon.models import LinearModel
-from echelon.program.sympy_bridge import to_sympy
+from echelon.shared import extra, locating, public, read_content
 
 
 @public
@@ -119,7 +116,7 @@ def linear_document(model: LinearModel) -> dict[str, Any]:
 
 
 def _text(formula: Any) -> str:
-    """A sympy formula in the grammar of :mod:`echelon.program.text`."""
+    """A sympy formula in the grammar of :mod:`echelon.algebra.program.text`."""
     with extra("symbolic"):
         import sympy
 

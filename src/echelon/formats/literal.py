@@ -19,14 +19,16 @@ from sys import float_info
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, Rational
-from echelon.hints import nearest_of
-from echelon.inertia import from_tensor, tensor_and_moment
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.coupling import Coupling, Spline
-from echelon.mechanism.joint import MotionKind
+from echelon.algebra import Polynomial, Rational
+from echelon.robot import (
+    ClosureKind,
+    Coupling,
+    MotionKind,
+    Spline,
+    from_tensor,
+    tensor_and_moment,
+)
+from echelon.shared import Floats, InputError, nearest_of
 
 Triple = tuple[Rational, Rational, Rational]
 

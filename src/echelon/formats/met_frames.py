@@ -9,14 +9,21 @@ from operator import matmul
 
 import numpy as np
 
-from echelon.exact.polynomial import as_polynomial, is_trigonometric, symbol_of
+from echelon.algebra import as_polynomial, is_trigonometric, symbol_of
 from echelon.formats.literal import DOUBLE_ROUNDING
-from echelon.inertia import rotation_quaternion
-from echelon.mechanism.closed_pose import parted
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.joint import IDENTITY, Body, Motion, Placement, Symbol, shift
-from echelon.mechanism.rational_turns import rational_rotation
-from echelon.mechanism.stated import placement_matrix
+from echelon.robot import (
+    IDENTITY,
+    Body,
+    ClosureKind,
+    Motion,
+    Placement,
+    Symbol,
+    parted,
+    placement_matrix,
+    rational_rotation,
+    rotation_quaternion,
+    shift,
+)
 
 MOST_ANGLES = 18
 """A product of rotations by more angles has thousands of terms: it is rounded to doubles."""

@@ -14,9 +14,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echelon.choices import Measured
-from echelon.doors import public
-from echelon.errors import DoubtWarning, InputError, locating
+from echelon.dynamics import LinearModel
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
 from echelon.formats.robot_sources import described_path, expanded, text_of
@@ -24,11 +22,16 @@ from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.unit_questions import unit_questions
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.formats.vocabulary import without
-from echelon.inputs import parse_xml, read_content
-from echelon.mechanism.lock_joints import lock_joints
-from echelon.mechanism.mechanism import Mechanism, Reading
-from echelon.mechanism.stated import in_numbers
-from echelon.models import LinearModel
+from echelon.robot import Mechanism, Reading, in_numbers, lock_joints
+from echelon.shared import (
+    DoubtWarning,
+    InputError,
+    Measured,
+    locating,
+    parse_xml,
+    public,
+    read_content,
+)
 
 if TYPE_CHECKING:
     from echelon.formats.description.document import Document

@@ -15,12 +15,9 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from echelon.errors import InputError
-from echelon.extras import extra
 from echelon.formats.literal import roll_pitch_yaw
 from echelon.formats.mjcf.mjcf_model import import_mujoco
-from echelon.hints import nearest
-from echelon.inputs import parse_xml, read_content
+from echelon.shared import InputError, extra, nearest, parse_xml, read_content
 
 _DESCRIPTION = re.compile(r"\w+_description")
 _XACRO = re.compile(rb"""xmlns:xacro\s*=\s*["']https?://[^"']*xacro/?["']""")

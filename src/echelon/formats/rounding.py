@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 
-from echelon.exact.polynomial import Rational, parts_of
+from echelon.algebra import Rational, parts_of
 from echelon.formats.literal import (
     DOUBLE_DIGITS,
     LiteralMotion,
@@ -18,9 +18,7 @@ from echelon.formats.literal import (
     LiteralTree,
 )
 from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
-from echelon.mechanism.joint import Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length
+from echelon.robot import Mechanism, Placement, characteristic_length
 
 COARSEST = 0.05
 """Largest unit of a last decimal that means something, rad or a share of the size."""

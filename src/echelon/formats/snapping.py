@@ -21,24 +21,20 @@ from math import atan2, ceil, hypot, log10, pi
 from operator import matmul
 from typing import TypeVar
 
-from echelon.choices import Measured
-from echelon.errors import InputError
-from echelon.exact.expressions import (
+from echelon.algebra import (
     PI,
     STEPS_PER_HALF_TURN,
     Angle,
-    decimal_text,
-    parse,
-    pi_generators,
-)
-from echelon.exact.polynomial import (
     Number,
     Polynomial,
     Rational,
     as_polynomial,
+    decimal_text,
     format_polynomial,
     inverse,
+    parse,
     parts_of,
+    pi_generators,
     square_root,
 )
 from echelon.formats.literal import (
@@ -50,11 +46,11 @@ from echelon.formats.literal import (
     Triple,
     numeric_placements,
 )
-from echelon.hints import listed
-from echelon.mechanism.joint import (
+from echelon.robot import (
     Motion,
     MotionKind,
     Placement,
+    Snap,
     Step,
     Symbol,
     Vector,
@@ -64,7 +60,7 @@ from echelon.mechanism.joint import (
     shift,
     turn,
 )
-from echelon.mechanism.mechanism import Snap
+from echelon.shared import InputError, Measured, listed
 
 ANGLE_TOLERANCE = 2e-3
 """Default distance, rad, within which angles are read as multiples of 15° and axes as coordinate directions."""

@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from echelon.errors import InputError
 from echelon.formats.literal import resolved
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.urdf.urdf_reader import SINGLE_AXIS
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot import Mechanism
+from echelon.shared import InputError
 
 Interval = tuple[float, float]
 

@@ -11,12 +11,18 @@ from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from math import pi
 
-from echelon.exact.polynomial import Rational
+from echelon.algebra import Rational
 from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
-from echelon.hints import listed
-from echelon.mechanism.joint import GROUND, Body, Motion, Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values, largest_offset
+from echelon.robot import (
+    GROUND,
+    Body,
+    Mechanism,
+    Motion,
+    Placement,
+    known_values,
+    largest_offset,
+)
+from echelon.shared import listed
 
 _MORE_THAN_A_TURN = 2 * pi * (1 + 1e-3)
 """Angles up to a turn, rounded to a few digits, are radians, rad."""

@@ -12,10 +12,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from math import isfinite
 
-from echelon.mechanism.effect import Effect, Side, ready_made
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.names import symbol_stem
+from echelon.robot import Effect, Mechanism, MotionKind, Side, ready_made
+from echelon.shared import symbol_stem
 
 DriveNumbers = Mapping[str, Mapping[str, float]]
 """What a file states of the drives of coordinates: kinds of effects with values, nan where only the kind is known."""

@@ -18,8 +18,7 @@ from enum import Enum
 from pathlib import PurePath
 from typing import Any
 
-from echelon.errors import InputError
-from echelon.hints import nearest
+from echelon.shared import InputError, nearest
 
 _OF_XML = (
     "xmlns",

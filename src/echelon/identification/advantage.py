@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.shared import Floats
 
 LEAST_ADVANTAGE = 0.005
 """Half of a percent of the residuals: less is no advantage however sure it is."""

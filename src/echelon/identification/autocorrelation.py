@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.extras import extra
+from echelon.shared import Floats, extra
 
 SOKAL_WINDOW = 5.0
 """Length of Sokal's window, in autocorrelation times: wide enough for little bias, narrow enough for little noise."""

@@ -10,7 +10,7 @@ So the band ends, first, where the residuals hold more than half of what is meas
 logarithms; by the spectra of outputs and residuals, of a fit to a narrower band, without what residuals are near
 standstill), and second, before any base parameter is biased by more than a third of its standard deviation, which
 leaves intervals of 95 % with 94 %.  It is never narrower than the motion, twice the mean frequency of the fastest
-velocity, nor wider than what the signals allow (:mod:`echelon.logs.preparation.choices`), and of a short log it leaves
+velocity, nor wider than what the signals allow (:mod:`echelon.identification.logs.preparation.choices`), and of a short log it leaves
 ten rows per parameter.  Where even the narrowest band is biased by more, that is said, and A⁻¹ D ζ is given back.
 Noise that turns the direction of dry friction counts for nothing: rows so near rest leave the fit, and encoders that
 round keep the direction.
@@ -28,16 +28,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
-from echelon.base.model import BaseModel
-from echelon.errors import InputError
+from echelon.base import BaseModel
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.judge.evidence import OutputRows, Products, fitted
-from echelon.identification.rows.plan import LOOKED_AT, SAMPLED
-from echelon.identification.rows.rows import ModelRows, rows_taken
-from echelon.identification.scores import HALF
-from echelon.logs.finding import Finding, note, warning
-from echelon.logs.preparation.choices import (
+from echelon.identification.logs.finding import Finding, note, warning
+from echelon.identification.logs.preparation.choices import (
     NARROWEST,
     ROWS,
     Signals,
@@ -45,10 +40,14 @@ from echelon.logs.preparation.choices import (
     with_lowpass,
     with_still,
 )
-from echelon.logs.preparation.prepare import Preparation, prepare
-from echelon.logs.recording import Segment
-from echelon.signals.clock import low_passed
-from echelon.signals.spectrum import PositionSpectrum
+from echelon.identification.logs.preparation.prepare import Preparation, prepare
+from echelon.identification.logs.recording import Segment
+from echelon.identification.rows.plan import LOOKED_AT, SAMPLED
+from echelon.identification.rows.rows import ModelRows, rows_taken
+from echelon.identification.scores import HALF
+from echelon.identification.signals.clock import low_passed
+from echelon.identification.signals.spectrum import PositionSpectrum
+from echelon.shared import Flags, Floats, InputError
 
 BAND_RATIO = 1.4
 """Ratio of neighbouring bands that are tried: a band is then right to a fifth, and few fits are made."""

@@ -14,11 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from echelon.arrays import Floats, Integers
-from echelon.errors import InputError
+from echelon.compute import Layout, Observation
 from echelon.identification.cluster import tree
 from echelon.identification.rows.rows import RowBlock, observed, stacked
-from echelon.observe.observation import Layout, Observation
+from echelon.shared import Floats, InputError, Integers
 
 BATCHES = 40  # batches that the data are cut into at least, if they are long enough
 

@@ -15,16 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.choices import Values
-from echelon.formats.schema.schema_log import IdentificationEntry
+from echelon.formats import IdentificationEntry
 from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.logs.finding import Finding, note
+from echelon.identification.logs.recording import Samples
 from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.rows.plan import Part
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.finding import Finding, note
-from echelon.logs.recording import Samples
+from echelon.shared import Floats, Values
 
 # estimators that give what data alone tell
 LEAST_SQUARES = ("ols", "wls", "irls", "huber")

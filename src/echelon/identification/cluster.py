@@ -22,10 +22,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from echelon.errors import InputError
-from echelon.exact.expressions import is_whole
-from echelon.extras import extra
-from echelon.version import __version__
+from echelon.algebra import is_whole
+from echelon.shared import InputError, __version__, extra
 
 if TYPE_CHECKING:
     from distributed import Client, Future

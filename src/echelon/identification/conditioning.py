@@ -18,23 +18,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.algebra import DEFAULT_SEED, random_generator
+from echelon.compute import Observation, Triangle
 from echelon.identification.estimators.estimate import (
     NEGLIGIBLE,
     ROUNDING,
     sparse_basis,
 )
-from echelon.logs.finding import enumerated
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.stated import characteristic_length
-from echelon.observe.observation import Observation
-from echelon.observe.triangle import Triangle
+from echelon.identification.logs.finding import enumerated
+from echelon.robot import MotionKind, characteristic_length
+from echelon.shared import Floats, InputError
 
 if TYPE_CHECKING:
-    from echelon.base.model import BaseModel
-    from echelon.mechanism.mechanism import Mechanism
+    from echelon.base import BaseModel
+    from echelon.robot import Mechanism
 
 
 WEAK = 1e-2

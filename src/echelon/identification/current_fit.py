@@ -13,10 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.errors import InputError
-from echelon.extras import extra
+from echelon.base import BaseModel
+from echelon.compute import Observation, upper_triangle
 from echelon.identification.estimators.estimate import (
     ROUNDING,
     Estimate,
@@ -24,8 +22,7 @@ from echelon.identification.estimators.estimate import (
     solved,
 )
 from echelon.identification.estimators.least_squares import fixed_noise
-from echelon.observe.observation import Observation
-from echelon.observe.triangle import upper_triangle
+from echelon.shared import Floats, InputError, extra
 
 
 def gain_names(base: BaseModel) -> tuple[str, ...]:

@@ -16,17 +16,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.extras import extra
+from echelon.base import BaseModel
+from echelon.compute import upper_triangle
 from echelon.identification.band import REMOVED, slower
 from echelon.identification.estimators.estimate import pseudo_root
+from echelon.identification.logs.preparation.prepare import (
+    Preparation,
+    PreparationPlan,
+    prepare,
+)
+from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.rows.plan import LOOKED_AT, SAMPLED
 from echelon.identification.rows.rows import ModelRows, rows_taken
-from echelon.logs.preparation.prepare import Preparation, PreparationPlan, prepare
-from echelon.logs.recording import Samples, Segment
-from echelon.observe.triangle import upper_triangle
-from echelon.signals.clock import shift_reach, shifted
+from echelon.identification.signals.clock import shift_reach, shifted
+from echelon.shared import Floats, extra
 
 LONGEST_DELAY = 0.02
 """Longest delay that is looked for, s: buses and filters of drives take less, and beyond it the log is at fault."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from echelon.identification.conditioning import DataConditioning
 from echelon.identification.estimators.estimate import CLEAR, Estimate
+from echelon.identification.logs.finding import Finding, Severity, note, warning
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.scores import HALF, OVERFIT, Validation
-from echelon.logs.finding import Finding, Severity, note, warning
 
 IMPOSSIBLE = 30.0
 """Standard deviations to the nearest robot from which on the model contradicts physics: filters and unmodelled effects

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.matrix import Identifiability
-from echelon.base.model import BaseModel
-from echelon.errors import EchelonError, InputError, MissingExtraError
+from echelon.base import BaseModel, Identifiability
+from echelon.compute import Observation
 from echelon.identification.band import Noisy
 from echelon.identification.chosen_values import LEAST_SQUARES
 from echelon.identification.conditioning import (
@@ -28,17 +26,17 @@ from echelon.identification.estimators.least_squares import (
     minimum_norm,
     noise_estimate,
 )
+from echelon.identification.logs.finding import Finding, warning
 from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
 from echelon.identification.physics.prior_information import Prior
-from echelon.logs.finding import Finding, warning
-from echelon.observe.observation import Observation
-from echelon.setup.setup import Setup
+from echelon.identification.setup.setup import Setup
+from echelon.shared import EchelonError, Floats, InputError, MissingExtraError
 
 if TYPE_CHECKING:
-    from echelon.formats.schema.schema_log import IdentificationEntry
+    from echelon.formats import IdentificationEntry
 
 Solved = TypeVar("Solved")
 

@@ -18,26 +18,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.derive import base_of, base_parameters
-from echelon.base.model import BaseModel
-from echelon.doors import public
-from echelon.errors import InputError
+from echelon.base import BaseModel, base_of, base_parameters
+from echelon.compute import Layout, Observation, upper_triangle
 from echelon.identification.current_fit import fit_currents, gain_names
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.fit import known_values
+from echelon.identification.logs.files.open_log import log_paths
+from echelon.identification.logs.preparation.choices import Signals, chosen
+from echelon.identification.logs.read_log import read_log
+from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows, RowStream
-from echelon.logs.files.open_log import log_paths
-from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.read_log import read_log
-from echelon.logs.recording import Samples, Segment
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.sources import Readable
-from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import upper_triangle
-from echelon.setup.setup import Setup, setup_of
+from echelon.identification.setup.setup import Setup, setup_of
+from echelon.robot import Mechanism, Readable
+from echelon.shared import Floats, InputError, public
 
 
 @dataclass(frozen=True, repr=False)

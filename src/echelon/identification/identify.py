@@ -9,12 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.arrays import one_thread
-from echelon.base.derive import base_parameters
-from echelon.base.matrix import Identifiability
-from echelon.doors import public
-from echelon.errors import InputError
-from echelon.formats.usual_effects import slides, with_rotors
+from echelon.base import Identifiability, base_parameters
+from echelon.formats import slides, with_rotors
 from echelon.identification.chosen_values import chosen_values
 from echelon.identification.current_fit import gain_names
 from echelon.identification.estimators.estimate import CLEAR
@@ -25,6 +21,7 @@ from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judged
 from echelon.identification.judge.mounting import is_unknown, standing, with_gravity
 from echelon.identification.judging import judged_fit, misread_elsewhere
+from echelon.identification.logs.finding import Finding, counted, enumerated, note
 from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
 from echelon.identification.physics.fit import departures
 from echelon.identification.physics.prior_information import known_before
@@ -32,12 +29,12 @@ from echelon.identification.plausible_mass import mass_findings
 from echelon.identification.result import Identification, fitted_ranges, predicting
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.scores import Validation
+from echelon.identification.setup.logs import with_logs
+from echelon.identification.setup.setup import Setup
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models
 from echelon.identification.verdict import by_role, overall_verdict
-from echelon.logs.finding import Finding, counted, enumerated, note
-from echelon.setup.logs import with_logs
-from echelon.setup.setup import Setup
+from echelon.shared import InputError, one_thread, public
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -8,14 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
+from echelon.base import base_parameters
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
 from echelon.identification.judge.mounting import free_gravity
 from echelon.identification.judge.readings import Readings
 from echelon.identification.judge.units import common_unit
+from echelon.identification.logs.columns.column_map import ColumnMap
+from echelon.identification.logs.columns.magnitudes import fitting_units
+from echelon.identification.logs.finding import Finding, warning
+from echelon.identification.logs.recording import Samples
 from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.physics.prior_information import Prior
 from echelon.identification.rows.plan import LogPlan
@@ -27,13 +30,10 @@ from echelon.identification.scores import (
     Validation,
     grade,
 )
+from echelon.identification.setup.setup import Setup
 from echelon.identification.survey import survey
 from echelon.identification.verdict import by_role
-from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.columns.magnitudes import fitting_units
-from echelon.logs.finding import Finding, warning
-from echelon.logs.recording import Samples
-from echelon.setup.setup import Setup
+from echelon.shared import Floats
 
 SETUP_ERROR = "setup error"
 """Kind of findings that name what a set-up has wrong."""

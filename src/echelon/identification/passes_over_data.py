@@ -17,7 +17,7 @@ from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from echelon.errors import InputError
+from echelon.compute import Layout, Observation
 from echelon.identification.batches import (
     BATCHES,
     Batcher,
@@ -27,6 +27,7 @@ from echelon.identification.batches import (
     total,
 )
 from echelon.identification.cluster import each, summed
+from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.plan import LogPlan, Part
 from echelon.identification.rows.rows import (
     ModelRows,
@@ -39,8 +40,7 @@ from echelon.identification.rows.rows import (
 from echelon.identification.scores import Validation
 from echelon.identification.traces import BUCKET, LIMIT
 from echelon.identification.validation import Models, validated
-from echelon.logs.recording import Samples
-from echelon.observe.observation import Layout, Observation
+from echelon.shared import InputError
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -14,17 +14,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
-from echelon.base.model import BaseModel
-from echelon.conventions import PARAMETERS, PER_BODY
-from echelon.doors import public
-from echelon.errors import InputError
-from echelon.hints import nearest_of
+from echelon.base import BaseModel, base_parameters
+from echelon.compute import Layout
+from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.rows import ModelRows, RowBlock, RowStream
-from echelon.logs.recording import Samples
-from echelon.mechanism.joint import ALL
-from echelon.observe.observation import Layout
+from echelon.robot import ALL
+from echelon.shared import PARAMETERS, PER_BODY, Floats, InputError, nearest_of, public
 
 LABEL = "_payload"  # ends the names of a payload's parameters: ``M_payload``
 

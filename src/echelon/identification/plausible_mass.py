@@ -11,11 +11,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.logs.finding import Finding, warning
-from echelon.mechanism.joint import Placement
-from echelon.mechanism.stated import known_values, largest_offset
+from echelon.base import BaseModel
+from echelon.identification.logs.finding import Finding, warning
+from echelon.robot import Placement, known_values, largest_offset
+from echelon.shared import Floats
 
 LIGHTEST = 8e-3  # kg/m³: mass by the cube of the length, of a rod of 100 kg/m³ whose thickness is 1 % of its length
 SMALL = 0.05  # m, taken for the length of a robot whose joints have no known distances

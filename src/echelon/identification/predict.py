@@ -13,16 +13,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.doors import public
-from echelon.errors import InputError
+from echelon.identification.logs.preparation.prepare import states, usable
+from echelon.identification.logs.read_log import LogPiece, read_log
+from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.scores import Score
 from echelon.identification.validation import validated
-from echelon.logs.preparation.prepare import states, usable
-from echelon.logs.read_log import LogPiece, read_log
-from echelon.logs.recording import Samples, Segment
+from echelon.shared import Floats, InputError, public
 
 
 @dataclass(frozen=True, repr=False)

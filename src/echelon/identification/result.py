@@ -9,22 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.doors import public
-from echelon.errors import InputError, one_line
-from echelon.extras import extra
 from echelon.identification.conditioning import DataConditioning
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.judge.judge import Judged
+from echelon.identification.logs.finding import Finding, counted
+from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.scores import Validation
 from echelon.identification.verdict import by_role
-from echelon.logs.finding import Finding, counted
-from echelon.logs.preparation.prepare import Preparation
+from echelon.shared import Floats, InputError, extra, one_line, public
 
 if TYPE_CHECKING:
-    from echelon.base.model import BaseModel
+    from echelon.base import BaseModel
 
 
 @dataclass(frozen=True)

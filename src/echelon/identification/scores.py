@@ -12,7 +12,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.shared import Floats
 
 ROLES = ("identification", "validation")  # whether the fit saw the data
 

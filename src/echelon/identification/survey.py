@@ -12,10 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
-from echelon.base.model import BaseModel
-from echelon.errors import InputError
+from echelon.base import BaseModel, base_parameters
 from echelon.identification.band import Noisy, with_band
 from echelon.identification.conditioning import (
     DataConditioning,
@@ -24,15 +21,16 @@ from echelon.identification.conditioning import (
 )
 from echelon.identification.delays import with_delays
 from echelon.identification.estimators.least_squares import noise_estimate
+from echelon.identification.logs.columns.column_map import ColumnMap, signal_names
+from echelon.identification.logs.finding import Finding, counted, note, warning
+from echelon.identification.logs.preparation.choices import Signals, chosen
+from echelon.identification.logs.preparation.prepare import Preparation, PreparationPlan
+from echelon.identification.logs.read_log import LogPiece, read_log
+from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.columns.column_map import ColumnMap, signal_names
-from echelon.logs.finding import Finding, counted, note, warning
-from echelon.logs.preparation.choices import Signals, chosen
-from echelon.logs.preparation.prepare import Preparation, PreparationPlan
-from echelon.logs.read_log import LogPiece, read_log
-from echelon.logs.recording import Samples, Segment
-from echelon.setup.setup import Setup
+from echelon.identification.setup.setup import Setup
+from echelon.shared import Floats, InputError
 
 MOST_LOGS = 64  # logs that are looked at; of a long log, its first piece
 # samples that choices are made from; faults are looked for in the first piece of every log

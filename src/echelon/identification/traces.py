@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.shared import Floats
 
 LIMIT = 200_000  # rows of an output that are kept; more than any screen shows
 BUCKET = 12  # rows that are thinned together: twice the six extremes that stay, so that a pass halves them at least

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Flags, Floats
-from echelon.errors import InputError
 from echelon.identification.autocorrelation import CorrelationSums
+from echelon.identification.logs.preparation.prepare import speed_rows, velocity_names
+from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.rows import (
     ModelRows,
     Numbering,
@@ -32,12 +32,11 @@ from echelon.identification.scores import (
     Validation,
     fits,
 )
+from echelon.identification.signals.spectrum import white_noise
 from echelon.identification.traces import LIMIT, TraceKeeper
 from echelon.identification.verdict import verdict
-from echelon.logs.preparation.prepare import speed_rows, velocity_names
-from echelon.logs.recording import Samples
-from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.spectrum import white_noise
+from echelon.robot import Mechanism
+from echelon.shared import Flags, Floats, InputError
 
 Models = Mapping[str, Floats]
 """Parameters of the models that are compared by name: the identified one first, then those of :data:`BESIDE`."""

@@ -12,6 +12,7 @@ from functools import reduce
 
 import numpy as np
 
+from echelon.identification.logs.finding import enumerated
 from echelon.identification.scores import (
     BETTER,
     HALF,
@@ -23,7 +24,6 @@ from echelon.identification.scores import (
     Validation,
     grade,
 )
-from echelon.logs.finding import enumerated
 
 
 def pooled(validations: Sequence[Validation]) -> Validation:

@@ -13,9 +13,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats, cut_at, one_thread, pivoted_qr
-from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.algebra import DEFAULT_SEED, random_generator
 from echelon.loops.closed_motion import (
     CLEAR,
     CLOSED,
@@ -31,10 +29,17 @@ from echelon.loops.closed_motion import (
     position_rates,
 )
 from echelon.loops.closures import ClosureEquations
-from echelon.mechanism.assembled import Assembled, Moved, to_write
-from echelon.mechanism.closed_pose import loop_motions, shown_loops, split_balls
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot import (
+    Assembled,
+    Mechanism,
+    MotionKind,
+    Moved,
+    loop_motions,
+    shown_loops,
+    split_balls,
+    to_write,
+)
+from echelon.shared import Flags, Floats, InputError, cut_at, one_thread, pivoted_qr
 
 NEARLY_FREE = 1e-2
 """Singular values below this part of the largest one belong to motions that are nearly possible."""

@@ -18,15 +18,19 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, Integers, pivoted_qr
-from echelon.errors import InputError
+from echelon.algebra import (
+    BallArithmetic,
+    FloatArithmetic,
+    Op,
+    Schedule,
+    StagedSchedule,
+    ball,
+    stated_ball,
+)
 from echelon.loops.closed_motion import CLOSED, NEGLIGIBLE, NOISE, RATE
 from echelon.loops.recorded_loops import STEPS, Loops, floats_of
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.steps import quaternion_times
-from echelon.program.arithmetics import BallArithmetic, ball, stated_ball
-from echelon.program.operations import Op
-from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
+from echelon.robot import MotionKind, quaternion_times
+from echelon.shared import Floats, InputError, Integers, pivoted_qr
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``, poses last."""

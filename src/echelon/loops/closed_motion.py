@@ -15,22 +15,23 @@ from typing import Generic, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, Integers
-from echelon.errors import InputError
+from echelon.algebra import FloatArithmetic, Program, Schedule, StagedSchedule
 from echelon.loops.closures import ClosureEquations, record_closures
-from echelon.mechanism.closed_pose import shown_loops
-from echelon.mechanism.joint import Motion, MotionKind, Symbol
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length, symbol_values
-from echelon.mechanism.steps import (
+from echelon.robot import (
+    Mechanism,
+    Motion,
+    MotionKind,
     Probes,
     Recorder,
+    Symbol,
+    characteristic_length,
     cut_names,
     quaternion_times,
+    shown_loops,
+    symbol_values,
     virtual_motion,
 )
-from echelon.program.schedule import FloatArithmetic, Schedule, StagedSchedule
-from echelon.program.tape import Program
+from echelon.shared import Floats, InputError, Integers
 
 NOISE = 1e-12
 """Part of the largest of some numbers, or of 1, that rounding of doubles makes on the way to them."""

@@ -9,19 +9,22 @@ from functools import partial
 import flint
 import numpy as np
 
-from echelon.arrays import Floats, one_thread
-from echelon.errors import InputError
+from echelon.algebra import Program
 from echelon.loops.assembly import NEARLY_FREE, Assembly
 from echelon.loops.closed_balls import closed_states
 from echelon.loops.closed_motion import CLEAR, NEGLIGIBLE, ClosedMotion, places
 from echelon.loops.coordinates import independent_coordinates
 from echelon.loops.recorded_loops import floats_of, loops_of
-from echelon.mechanism.closed_pose import loop_motions, shown_loops
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import has_values
-from echelon.mechanism.steps import Recorder
-from echelon.mechanism.substitute import inexact_coupling, with_numeric_ratios
-from echelon.program.tape import Program
+from echelon.robot import (
+    Mechanism,
+    Recorder,
+    has_values,
+    inexact_coupling,
+    loop_motions,
+    shown_loops,
+    with_numeric_ratios,
+)
+from echelon.shared import Floats, InputError, one_thread
 
 _BALL_BITS = 512
 _EXACTLY = (

@@ -11,25 +11,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from echelon.mechanism.closed_pose import ends_of
-from echelon.mechanism.closure import Closure
-from echelon.mechanism.joint import Placement, transpose
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.steps import (
+from echelon.algebra import Program, Scalar
+from echelon.robot import (
+    Closure,
     Mat,
+    Mechanism,
+    Placement,
     Probes,
+    RecordedStep,
     Recorder,
-    Step,
     Vec,
     add,
     apply,
     cross,
     dot,
+    ends_of,
     identity,
     into_frame,
     product,
+    transpose,
 )
-from echelon.program.tape import Program, Scalar
 
 Wrench = tuple[Vec, Vec]
 """Moment and force."""
@@ -148,7 +149,7 @@ class _Loop:
             *_carried_back(self.second, on_second),
         ]
 
-    def _frame(self, chain: list[Step]) -> tuple[Mat, Vec]:
+    def _frame(self, chain: list[RecordedStep]) -> tuple[Mat, Vec]:
         """Axes and origin at the end of a chain, in the frame where it begins."""
         axes, origin = identity(self.recorder.program), self.recorder.zeros
         for step in reversed(chain):
@@ -162,8 +163,8 @@ class _Loop:
 
 def _chain(
     recorder: Recorder, probes: Probes | None, bodies: list[int], *frames: Placement
-) -> list[Step]:
-    steps: list[Step] = []
+) -> list[RecordedStep]:
+    steps: list[RecordedStep] = []
     for body in bodies:
         before, after = (
             (probes.steps(body, True), probes.steps(body, False))
@@ -174,7 +175,7 @@ def _chain(
     return [*steps, *(recorder.placement(frame) for frame in frames)]
 
 
-def _back(chain: list[Step], point: Vec) -> Vec:
+def _back(chain: list[RecordedStep], point: Vec) -> Vec:
     """A point's coordinates at the end of a chain, from those where it begins; linear in every step."""
     for step in chain:
         if step.shift is not None:
@@ -183,7 +184,9 @@ def _back(chain: list[Step], point: Vec) -> Vec:
     return point
 
 
-def _carried_back(chain: list[Step], wrench: Wrench) -> Iterator[tuple[str, Scalar]]:
+def _carried_back(
+    chain: list[RecordedStep], wrench: Wrench
+) -> Iterator[tuple[str, Scalar]]:
     """Generalised force at every freedom of a chain whose end carries a wrench."""
     moment, force = wrench
     for step in reversed(chain):

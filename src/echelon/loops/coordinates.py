@@ -10,10 +10,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from echelon.arrays import Floats
 from echelon.loops.closed_motion import NEGLIGIBLE
-from echelon.mechanism.joint import GROUND, Joint, MotionKind
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot import GROUND, Joint, Mechanism, MotionKind
+from echelon.shared import Floats
 
 
 def independent_coordinates(

@@ -16,15 +16,17 @@ from fractions import Fraction
 from functools import cached_property
 from math import log2
 
-from echelon.errors import InputError
+from echelon.algebra import LeastSquares, Program, Scalar, rates
 from echelon.loops.closures import record_closures
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import characteristic_length
-from echelon.mechanism.steps import Probes, Recorder, quaternion_times
-from echelon.program.derivatives import rates
-from echelon.program.least_squares import LeastSquares
-from echelon.program.tape import Program, Scalar
+from echelon.robot import (
+    Mechanism,
+    MotionKind,
+    Probes,
+    Recorder,
+    characteristic_length,
+    quaternion_times,
+)
+from echelon.shared import InputError
 
 
 class DependentMotion:

@@ -8,18 +8,25 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import DegenerateSampleError, InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.algebra import (
+    DEFAULT_SEED,
+    Scalar,
+    StagedSchedule,
+    random_generator,
+    stated_ball,
+)
 from echelon.loops.assembly import FEW, NEARBY, POSES, TOGETHER, Assembly
 from echelon.loops.closed_motion import REMEMBERED, Keyed, identity
 from echelon.loops.closures import ClosureEquations, record_closures
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import all_symbols, value_texts
-from echelon.mechanism.steps import Probes, Recorder, state_inputs
-from echelon.program.arithmetics import stated_ball
-from echelon.program.schedule import StagedSchedule
-from echelon.program.tape import Scalar
+from echelon.robot import (
+    Mechanism,
+    Probes,
+    Recorder,
+    all_symbols,
+    state_inputs,
+    value_texts,
+)
+from echelon.shared import DegenerateSampleError, Floats, InputError
 
 STEPS = 256
 """Of random numbers, to one."""

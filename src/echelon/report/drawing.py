@@ -12,17 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.matrix import Identifiability
-from echelon.base.model import BaseModel
-from echelon.conventions import PARAMETERS, PER_BODY
-from echelon.dynamics.kinematics import Kinematics
-from echelon.errors import EchelonError, one_line
-from echelon.mechanism.joint import GROUND, MotionKind, Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import placement_matrix, symbol_values
-from echelon.regressor.loops import assembly_of
+from echelon.base import BaseModel, Identifiability
+from echelon.dynamics import Kinematics, assembly_of
 from echelon.report.page import Context
+from echelon.robot import (
+    GROUND,
+    Mechanism,
+    MotionKind,
+    Placement,
+    placement_matrix,
+    symbol_values,
+)
+from echelon.shared import PARAMETERS, PER_BODY, EchelonError, Floats, one_line
 
 CLASSES = {
     Identifiability.ALONE: "alone",

@@ -10,12 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
 
-from echelon.base.expression import TextStyle, coefficient_text
-from echelon.base.model import BaseModel
-from echelon.conventions import PARAMETERS
-from echelon.errors import one_line
-from echelon.exact.rational import RationalFunction
-from echelon.mechanism.mechanism import Mechanism, Parameter
+from echelon.algebra import RationalFunction
+from echelon.base import BaseModel, TextStyle, coefficient_text
+from echelon.robot import Mechanism, Parameter
+from echelon.shared import PARAMETERS, one_line
 
 KINDS = ("pivot", "number", "length", "area", "other")
 """Kinds of coefficients: of the representative, a number, a length, a product of two lengths, anything else."""

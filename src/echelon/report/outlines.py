@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.excite.problem.shapes import CORNERS, Shape, ShapeKind
-from echelon.extras import extra
+from echelon.excite import CORNERS, Shape, ShapeKind
+from echelon.shared import Floats, extra
 
 TURN = np.linspace(
     0.0, 2 * np.pi, 33

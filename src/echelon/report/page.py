@@ -26,14 +26,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.expression import Expression, TextStyle, angle_text
-from echelon.base.expression import render as closed_form
-from echelon.base.model import BaseModel
-from echelon.conventions import PARAMETERS
-from echelon.errors import one_line
-from echelon.exact.polynomial import is_trigonometric
-from echelon.extras import extra
-from echelon.version import __version__
+from echelon.algebra import is_trigonometric
+from echelon.base import BaseModel, Expression, TextStyle, angle_text
+from echelon.base import render as closed_form
+from echelon.shared import PARAMETERS, __version__, extra, one_line
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -18,19 +18,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.doors import public
-from echelon.dynamics.kinematics import Kinematics
-from echelon.errors import EchelonError, InputError, one_line
-from echelon.excite.excite import ExcitingTrajectory
-from echelon.excite.problem.state_limits import ORDERS
-from echelon.excite.problem.task import UNCHECKED
-from echelon.excite.verify import ACTIVE, Margin, when_kept
-from echelon.inputs import plain_data
-from echelon.mechanism.joint import Body, MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values
-from echelon.regressor.loops import assembly_of
+from echelon.dynamics import Kinematics, assembly_of
+from echelon.excite import (
+    ACTIVE,
+    ORDERS,
+    UNCHECKED,
+    ExcitingTrajectory,
+    Margin,
+    when_kept,
+)
 from echelon.report.drawing import ahead, joint_axes, upward, widest_view
 from echelon.report.outlines import outline
 from echelon.report.page import (
@@ -44,6 +40,15 @@ from echelon.report.page import (
 )
 from echelon.report.report import findings_of
 from echelon.report.signals import envelope
+from echelon.robot import Body, Mechanism, MotionKind, known_values
+from echelon.shared import (
+    EchelonError,
+    Floats,
+    InputError,
+    one_line,
+    plain_data,
+    public,
+)
 
 TITLES = {
     "robot": "How the robot moves",

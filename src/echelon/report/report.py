@@ -10,18 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from echelon.conventions import PARAMETERS, PER_BODY
-from echelon.doors import public
-from echelon.errors import InputError, one_line
-from echelon.identification.physics.feasibility import Feasibility
-from echelon.identification.physics.fit import PhysicalFit
-from echelon.identification.result import Identification
-from echelon.identification.scores import Score
-from echelon.inertia import convert
-from echelon.inputs import plain_data
-from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation.prepare import Preparation
-from echelon.mechanism.mechanism import Mechanism
+from echelon.identification import (
+    Feasibility,
+    Finding,
+    Identification,
+    PhysicalFit,
+    Preparation,
+    Score,
+    Severity,
+)
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import (
@@ -33,6 +30,15 @@ from echelon.report.page import (
     with_uncertainty,
 )
 from echelon.report.signals import buckets_for, outputs_of, payload
+from echelon.robot import Mechanism, convert
+from echelon.shared import (
+    PARAMETERS,
+    PER_BODY,
+    InputError,
+    one_line,
+    plain_data,
+    public,
+)
 
 TITLES = {
     "summary": "Fit of each output",

@@ -19,11 +19,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.errors import one_line
-from echelon.extras import extra
-from echelon.identification.scores import Trace, Validation
+from echelon.identification import Trace, Validation
 from echelon.report.page import BYTES_PER_SAMPLE, packed
+from echelon.shared import Floats, extra, one_line
 
 _BUCKETS, _FEWEST = 1200, 100  # stretches of one plot
 _BYTES = 2_400_000  # of all plots together

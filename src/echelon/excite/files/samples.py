@@ -22,8 +22,7 @@ import numpy as np
 from pydantic import AliasChoices, Field
 from pydantic import BaseModel as Schema
 
-from echelon.arrays import Floats
-from echelon.errors import InputError, locating, one_line
+from echelon.base import checked
 from echelon.excite.problem.trajectory import (
     DEGREE,
     LARGEST,
@@ -31,12 +30,16 @@ from echelon.excite.problem.trajectory import (
     Splines,
     Trajectory,
 )
-from echelon.extras import extra
-from echelon.hints import in_quotes
-from echelon.inputs import parse_yaml
-from echelon.logs.files.log_file import decoding
-from echelon.logs.files.open_log import open_log, read_table
-from echelon.results.schema import checked
+from echelon.identification import decoding, open_log, read_table
+from echelon.shared import (
+    Floats,
+    InputError,
+    extra,
+    in_quotes,
+    locating,
+    one_line,
+    parse_yaml,
+)
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

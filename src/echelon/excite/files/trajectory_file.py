@@ -19,9 +19,7 @@ import numpy as np
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Discriminator, Field
 
-from echelon.arrays import Floats
-from echelon.doors import public
-from echelon.errors import InputError, locating, one_line
+from echelon.base import checked
 from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.files.samples import (
     check_repeats,
@@ -43,10 +41,19 @@ from echelon.excite.problem.trajectory import (
     Splines,
     Trajectory,
 )
-from echelon.files import write_atomically
-from echelon.inputs import parse_json, plain_data, published_schema, read_content
-from echelon.logs.files.log_file import existing_file
-from echelon.results.schema import checked
+from echelon.identification import existing_file
+from echelon.shared import (
+    Floats,
+    InputError,
+    locating,
+    one_line,
+    parse_json,
+    plain_data,
+    public,
+    published_schema,
+    read_content,
+    write_atomically,
+)
 
 VERSION = 1  # version of the format
 

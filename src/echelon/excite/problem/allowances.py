@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
-from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, Engine, clearance_of_pairs
 from echelon.excite.problem.shapes import Shape, ShapeKind, bounding_sphere, placed
-from echelon.mechanism.joint import GROUND
+from echelon.robot import GROUND
+from echelon.shared import Flags, Floats, InputError
 
 POSES = 512  # random poses: of six joints, a half that one joint decides is met with certainty, a tenth of it as well
 KEPT_SHARE = 0.7  # share of the largest distance that is kept: the rest is what the pair may move by

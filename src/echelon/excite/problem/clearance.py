@@ -24,9 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.arrays import Floats, Integers
-from echelon.dynamics.kinematics import Kinematics
-from echelon.errors import EchelonError, InputError
+from echelon.dynamics import Kinematics
 from echelon.excite.problem.shapes import (
     WORLD,
     BoundingSpheres,
@@ -36,10 +34,9 @@ from echelon.excite.problem.shapes import (
     placed,
 )
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
-from echelon.formats.mjcf.mjcf_model import import_mujoco
-from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
-from echelon.mechanism.joint import GROUND, MotionKind
-from echelon.mechanism.mechanism import Mechanism
+from echelon.formats import import_mujoco, quaternion_matrix
+from echelon.robot import GROUND, Mechanism, MotionKind
+from echelon.shared import EchelonError, Floats, InputError, Integers
 
 _OLDEST = (3, 12)
 """Versions of MuJoCo before this one have wrong distances, by up to decimetres, for some convex shapes far apart."""

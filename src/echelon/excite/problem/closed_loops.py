@@ -20,12 +20,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
-from echelon.dynamics.arguments import geometry_values
-from echelon.dynamics.evaluator import CompiledAssembly
-from echelon.dynamics.functions import Builder, motion_function
-from echelon.errors import InputError
-from echelon.exact.field import DEFAULT_SEED, random_generator
+from echelon.algebra import DEFAULT_SEED, Function, Program, random_generator
+from echelon.compute import Kernel
+from echelon.dynamics import Builder, CompiledAssembly, geometry_values, motion_function
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.loops import (
@@ -36,11 +33,8 @@ from echelon.loops import (
     normalised,
     position_rates,
 )
-from echelon.machine.kernel import Kernel
-from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Function
-from echelon.program.tape import Program
+from echelon.robot import Mechanism, Motion, MotionKind
+from echelon.shared import Flags, Floats, InputError
 
 _SHORTEST = (
     2e-3  # of a step on the way to a configuration, rad or characteristic lengths

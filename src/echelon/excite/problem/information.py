@@ -16,20 +16,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.dynamics.arguments import STATE, geometry_values
-from echelon.dynamics.functions import robot_function
-from echelon.errors import InputError
+from echelon.algebra import Argument, Function, Scalar, derivatives, smooth_function
+from echelon.compute import Kernel
+from echelon.dynamics import STATE, geometry_values, robot_function
 from echelon.excite.problem.trajectory import Basis
-from echelon.machine.kernel import Kernel
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.derivatives import derivatives
-from echelon.program.function import Argument, Function
-from echelon.program.rewriting import smooth_function
-from echelon.program.tape import Scalar
+from echelon.robot import Mechanism
+from echelon.shared import Floats, InputError
 
 if TYPE_CHECKING:  # processes of the solver need no schemas
-    from echelon.choices import Optimality
+    from echelon.shared import Optimality
 
 ADJOINT = "adjoint"
 

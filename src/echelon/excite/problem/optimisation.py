@@ -16,11 +16,11 @@ from functools import cached_property
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.algebra import Interval
 from echelon.excite.problem.information import Information, OptimalityCriterion
 from echelon.excite.problem.state_limits import ORDERS, MotionLimit, StateConstraint
 from echelon.excite.problem.trajectory import Basis
-from echelon.program.intervals import Interval
+from echelon.shared import Floats
 
 SAMPLES_PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""

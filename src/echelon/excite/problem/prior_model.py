@@ -9,23 +9,27 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
-from echelon.doors import public
-from echelon.errors import InputError
+from echelon.base import base_parameters
+from echelon.compute import Observation
 from echelon.excite.problem.state_limits import EffortLimit, EffortModel, effort_output
-from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry
-from echelon.identification.physics.prior_information import prior_from
-from echelon.identification.rows.plan import LogPlan
-from echelon.identification.rows.rows import ModelRows
-from echelon.identification.survey import survey
-from echelon.logs.finding import Finding, listed, note, warning
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.sources import Readable
-from echelon.observe.observation import Observation
-from echelon.results.identified import load_identified
-from echelon.setup.logs import with_logs
-from echelon.setup.setup import Setup, setup_of, with_file_effects
+from echelon.formats import EVERY, ExcitationEntry
+from echelon.identification import (
+    Finding,
+    LogPlan,
+    ModelRows,
+    Setup,
+    listed,
+    load_identified,
+    note,
+    prior_from,
+    setup_of,
+    survey,
+    warning,
+    with_file_effects,
+    with_logs,
+)
+from echelon.robot import Mechanism, Readable
+from echelon.shared import Floats, InputError, public
 
 
 @public

@@ -25,9 +25,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.exact.polynomial import Rational
+from echelon.algebra import Rational
 from echelon.excite.problem.shapes import (
     SIZES,
     WORLD,
@@ -36,30 +34,26 @@ from echelon.excite.problem.shapes import (
     placed,
     z_along,
 )
-from echelon.extras import extra
-from echelon.formats.literal import (
+from echelon.formats import (
+    IRRELEVANT,
+    ExactXml,
     LiteralPlacement,
     LiteralTree,
-    numeric_placement,
-    rotation_matrix,
-)
-from echelon.formats.mjcf.mjcf_model import (
-    IRRELEVANT,
+    RobotFile,
     absent_meshes,
     import_mujoco,
     keep_bodies,
     mesh_name,
+    numeric_placement,
     parse_spec,
+    quaternion_matrix,
     refusal,
     remove_groups,
     remove_unused,
+    rotation_matrix,
 )
-from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
-from echelon.formats.robot_file import RobotFile
-from echelon.formats.urdf.exact_xml import ExactXml
-from echelon.inertia import pseudo_inertia
-from echelon.mechanism.joint import GROUND
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot import GROUND, Mechanism, pseudo_inertia
+from echelon.shared import Floats, InputError, extra
 
 THINNEST = 5e-3  # m, half length of a box that stands for an inertia at least: mass points have none
 STAND_IN = (

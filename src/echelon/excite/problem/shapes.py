@@ -18,9 +18,8 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats, Integers
-from echelon.errors import InputError
-from echelon.mechanism.joint import GROUND
+from echelon.robot import GROUND
+from echelon.shared import Floats, InputError, Integers
 
 
 class ShapeKind(StrEnum):

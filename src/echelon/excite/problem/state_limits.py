@@ -19,22 +19,26 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.dynamics.arguments import STATE, Arguments, geometry_values
-from echelon.dynamics.functions import robot_function
-from echelon.dynamics.kinematics import body_frames
-from echelon.errors import InputError
+from echelon.algebra import (
+    Argument,
+    Function,
+    Interval,
+    Program,
+    derivatives,
+    interval_values,
+    smooth_function,
+)
+from echelon.compute import Kernel
+from echelon.dynamics import (
+    STATE,
+    Arguments,
+    body_frames,
+    geometry_values,
+    robot_function,
+)
 from echelon.excite.problem.information import StateRegressor
-from echelon.hints import nearest_of
-from echelon.machine.kernel import Kernel
-from echelon.mechanism.effect import Side
-from echelon.mechanism.mechanism import Force, Mechanism, Output
-from echelon.mechanism.steps import Recorder, add, apply
-from echelon.program.derivatives import derivatives
-from echelon.program.function import Argument, Function
-from echelon.program.intervals import Interval, interval_values
-from echelon.program.rewriting import smooth_function
-from echelon.program.tape import Program
+from echelon.robot import Force, Mechanism, Output, Recorder, Side, add, apply
+from echelon.shared import Floats, InputError, nearest_of
 
 ORDERS = (
     "position",

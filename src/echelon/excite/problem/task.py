@@ -17,11 +17,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
-from echelon.base.model import BaseModel
-from echelon.dynamics.arguments import coordinate_units
-from echelon.errors import InputError, locating
+from echelon.base import BaseModel, base_parameters
+from echelon.dynamics import coordinate_units
 from echelon.excite.problem.allowances import POSES, allowances_of, without_touching
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.closed_loops import (
@@ -48,19 +45,17 @@ from echelon.excite.problem.state_limits import (
     effort_limits,
     point_limits,
 )
-from echelon.formats.schema.schema_excite import (
+from echelon.formats import (
     EVERY,
     ExcitationEntry,
     FrameEntry,
     LimitsEntry,
+    StatedLimits,
+    stated_limits,
 )
-from echelon.formats.stated_limits import StatedLimits, stated_limits
-from echelon.hints import nearest_of
-from echelon.logs.finding import Finding, listed, note, warning
-from echelon.mechanism.lock_joints import lock_joints, lockable
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values
-from echelon.setup.setup import Setup
+from echelon.identification import Finding, Setup, listed, note, warning
+from echelon.robot import Mechanism, known_values, lock_joints, lockable
+from echelon.shared import Floats, InputError, locating, nearest_of
 
 _PER = ("", "/s", "/s²", "/s³")
 _SPEEDS = {

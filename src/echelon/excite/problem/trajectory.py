@@ -12,10 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.doors import public
-from echelon.errors import InputError
-from echelon.extras import extra
+from echelon.shared import Floats, InputError, extra, public
 
 
 class Basis(ABC):

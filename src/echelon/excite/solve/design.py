@@ -12,8 +12,6 @@ from math import isfinite
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats, Integers
-from echelon.errors import InputError, locating
 from echelon.excite.problem.allowances import POSES
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import (
@@ -34,9 +32,16 @@ from echelon.excite.problem.trajectory import (
 )
 from echelon.excite.solve.solver import TOLERANCE, Search, SearchResult, Watch
 from echelon.excite.verify import Margin, margins_of, motion_margins
-from echelon.extras import extra
-from echelon.formats.schema.schema_excite import ExcitationEntry
-from echelon.hints import nearest_of
+from echelon.formats import ExcitationEntry
+from echelon.shared import (
+    Flags,
+    Floats,
+    InputError,
+    Integers,
+    extra,
+    locating,
+    nearest_of,
+)
 
 REFINED = 4  # the best random poses, from which broken limits are minimised, a tenth of a second each
 ONSET_SPEED = 1e-9  # rad/s or m/s, within which dry friction has both signs

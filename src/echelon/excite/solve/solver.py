@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from echelon.arrays import Floats, one_thread
 from echelon.excite.problem.optimisation import Problem
+from echelon.shared import Floats, one_thread
 
 FIRST_BARRIER = 0.1  # weight of the barrier at first, over the root of the number of limits at all samples
 BARRIER_FALL = 0.15  # share of the mean complementarity that the next barrier has: a fall by a factor of 7 at most

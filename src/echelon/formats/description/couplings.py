@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
-from echelon.exact.expressions import PER_PI, PI
-from echelon.exact.polynomial import (
+from echelon.algebra import (
+    PER_PI,
+    PI,
     Monomial,
     Number,
     Polynomial,
@@ -25,9 +26,8 @@ from echelon.formats.schema.schema_types import (
     SplineFunction,
     SplineThrough,
 )
-from echelon.inputs import step_into
-from echelon.mechanism.coupling import Spline, linear, natural_spline
-from echelon.mechanism.joint import Motion, MotionKind, Placement
+from echelon.robot import Motion, MotionKind, Placement, Spline, linear, natural_spline
+from echelon.shared import step_into
 
 
 def read_couplings(

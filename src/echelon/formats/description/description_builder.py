@@ -12,10 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.conventions import PARAMETERS
-from echelon.errors import InputError
-from echelon.exact.expressions import is_whole
+from echelon.algebra import is_whole
 from echelon.formats.bodies import BASE, Bodies, Part, with_relations
 from echelon.formats.builder import Built
 from echelon.formats.description.couplings import offset_placement, read_couplings
@@ -49,14 +46,13 @@ from echelon.formats.schema.schema_types import (
 )
 from echelon.formats.schema.schema_types import Joint as Entry
 from echelon.formats.snapping import ReadingOptions, gravity_vector
-from echelon.hints import nearest, nearest_of, unused
-from echelon.mechanism.impossible import stated_impossibilities
-from echelon.mechanism.joint import (
+from echelon.robot import (
     ALL,
     GROUND,
     ORIGIN,
     Body,
     Joint,
+    Mechanism,
     Motion,
     MotionKind,
     Placement,
@@ -66,14 +62,22 @@ from echelon.mechanism.joint import (
     ball,
     floating_motions,
     merge,
+    placement_matrix,
     rotation,
     screw,
     shift,
+    stated_impossibilities,
     translation,
 )
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import placement_matrix
-from echelon.names import symbol_stem
+from echelon.shared import (
+    PARAMETERS,
+    Floats,
+    InputError,
+    nearest,
+    nearest_of,
+    symbol_stem,
+    unused,
+)
 
 
 def build_description(

@@ -17,31 +17,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.errors import InputError, shortened
-from echelon.exact.expressions import (
+from echelon.algebra import (
+    CERTIFICATE_BITS,
+    DEFAULT_SEED,
     PER_PI,
     PI,
     RESERVED,
     STEPS_PER_HALF_TURN,
     Angle,
+    Number,
+    Polynomial,
+    PrimeField,
+    Rational,
+    Surd,
     as_angle,
+    is_trigonometric,
     parse,
     parse_angle,
     pi_generators,
-)
-from echelon.exact.field import (
-    CERTIFICATE_BITS,
-    DEFAULT_SEED,
-    PrimeField,
     random_generator,
     residues_at,
-)
-from echelon.exact.polynomial import (
-    Number,
-    Polynomial,
-    Rational,
-    Surd,
-    is_trigonometric,
     symbol_of,
 )
 from echelon.formats.bodies import BASE
@@ -54,24 +49,33 @@ from echelon.formats.snapping import (
     checked_size,
     gravity_vector,
 )
-from echelon.hints import nearest, nearest_of
-from echelon.inputs import DESCRIPTION_NODES, decoded, parse_json, parse_yaml
-from echelon.mechanism.joint import (
+from echelon.robot import (
     IDENTITY,
     ORIGIN,
     Matrix,
+    Mechanism,
     Placement,
+    Snap,
     Symbol,
     Vector,
     X,
     Y,
     Z,
+    symbol_roles,
     turn,
 )
-from echelon.mechanism.mechanism import Mechanism, Snap
-from echelon.mechanism.stated import geometry as geometry_of
-from echelon.mechanism.stated import symbol_roles
-from echelon.names import check_identifier
+from echelon.robot import geometry as geometry_of
+from echelon.shared import (
+    DESCRIPTION_NODES,
+    InputError,
+    check_identifier,
+    decoded,
+    nearest,
+    nearest_of,
+    parse_json,
+    parse_yaml,
+    shortened,
+)
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import Inertial, RobotDescription

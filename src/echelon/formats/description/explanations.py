@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from echelon.formats.schema.robot_schema import RobotDescription
 from echelon.formats.schema.schema_types import kind_of
-from echelon.hints import nearest_of, nearest_word
-from echelon.inputs import dump_flow, step_into
+from echelon.shared import dump_flow, nearest_of, nearest_word, step_into
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails

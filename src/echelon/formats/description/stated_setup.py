@@ -9,9 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from echelon.conventions import PARAMETERS
-from echelon.exact.expressions import PER_PI, PI, pi_generators
-from echelon.exact.polynomial import Polynomial
+from echelon.algebra import PER_PI, PI, Polynomial, pi_generators
 from echelon.formats.bodies import BASE
 from echelon.formats.builder import Built
 from echelon.formats.description.couplings import CouplingReader
@@ -35,27 +33,28 @@ from echelon.formats.schema.schema_setup import (
 from echelon.formats.schema.schema_types import Frame, LoopEntry
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
-from echelon.hints import nearest_of
-from echelon.inputs import step_into
-from echelon.mechanism.closure import Closure, ClosureKind
-from echelon.mechanism.coupling import Coupling, linear
-from echelon.mechanism.effect import Action, Effect, Side, ready_made
-from echelon.mechanism.joint import (
+from echelon.robot import (
     GROUND,
+    Action,
+    Actuator,
     Body,
+    Closure,
+    ClosureKind,
+    Coupling,
+    Cut,
+    Effect,
+    Force,
     Joint,
+    Mechanism,
     Motion,
     MotionKind,
     Placement,
+    Side,
+    linear,
     merge,
+    ready_made,
 )
-from echelon.mechanism.mechanism import (
-    Actuator,
-    Cut,
-    Force,
-    Mechanism,
-)
-from echelon.names import symbol_stem
+from echelon.shared import PARAMETERS, nearest_of, step_into, symbol_stem
 
 FindPart = Callable[[str | None, str], tuple[int, Placement]]
 """The body that carries a part and where the part sits on it, by the part's name and the element that names it."""

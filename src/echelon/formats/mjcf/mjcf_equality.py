@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from echelon.errors import InputError
-from echelon.exact.expressions import parse_decimal
-from echelon.exact.polynomial import Polynomial, Rational, inverse
+from echelon.algebra import Polynomial, Rational, inverse, parse_decimal
 from echelon.formats.literal import StatedCoupling, substituted
 from echelon.formats.mjcf.mjcf_model import import_mujoco
-from echelon.mechanism.coupling import Spline
+from echelon.robot import Spline
+from echelon.shared import InputError
 
 JOINT = "joint"
 TENDON = "tendon"

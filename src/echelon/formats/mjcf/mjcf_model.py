@@ -21,13 +21,18 @@ from xml.etree.ElementTree import tostring
 
 import numpy as np
 
-from echelon.errors import InputError
-from echelon.exact.expressions import is_whole
-from echelon.extras import extra
+from echelon.algebra import is_whole
 from echelon.formats.snapping import SMALLEST, tiny_notes
 from echelon.formats.vocabulary import without
-from echelon.hints import in_quotes, unused
-from echelon.inputs import INCLUDES, parse_xml, read_content
+from echelon.shared import (
+    INCLUDES,
+    InputError,
+    extra,
+    in_quotes,
+    parse_xml,
+    read_content,
+    unused,
+)
 
 _NUMERIC = {
     *(

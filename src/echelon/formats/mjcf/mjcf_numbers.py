@@ -9,9 +9,7 @@ from math import asin, atan2, floor, hypot, log10, pi
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import InputError
-from echelon.exact.expressions import parse_decimal
-from echelon.exact.polynomial import Rational
+from echelon.algebra import Rational, parse_decimal
 from echelon.formats.literal import (
     DOUBLE_DIGITS,
     LiteralMotion,
@@ -27,7 +25,8 @@ from echelon.formats.snapping import (
     is_tiny,
     nearest_step,
 )
-from echelon.inertia import rotation_of
+from echelon.robot import rotation_of
+from echelon.shared import InputError
 
 GIMBAL_LOCK = 1e-2
 """Cosine of the pitch below which roll and yaw lose two digits."""

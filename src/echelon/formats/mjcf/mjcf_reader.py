@@ -20,9 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.errors import InputError
-from echelon.exact.expressions import parse_decimal
-from echelon.exact.polynomial import Rational
+from echelon.algebra import Rational, parse_decimal
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralEffort,
@@ -64,9 +62,8 @@ from echelon.formats.mjcf.mjcf_numbers import (
     placements,
     quaternion_matrix,
 )
-from echelon.hints import unused
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.joint import MotionKind
+from echelon.robot import ClosureKind, MotionKind
+from echelon.shared import InputError, unused
 
 _KINDS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
 _SINGLE = {"slide": MotionKind.TRANSLATION, "hinge": MotionKind.ROTATION}

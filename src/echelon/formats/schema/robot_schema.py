@@ -46,7 +46,7 @@ from echelon.formats.schema.schema_types import (
     optional,
     required,
 )
-from echelon.inputs import published_schema
+from echelon.shared import published_schema
 
 FORMS = ("modified_dh", "standard_dh", "bodies", "robot")
 """The ways to describe the geometry; a document uses exactly one."""

@@ -17,7 +17,6 @@ from pydantic import (
     model_validator,
 )
 
-from echelon.choices import Family, Optimality, Unreadable
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     SCALAR,
@@ -35,6 +34,7 @@ from echelon.formats.schema.schema_types import (
     sized,
 )
 from echelon.formats.snapping import NOT_FINITE
+from echelon.shared import Family, Optimality, Unreadable
 
 EVERY = "all"  # key of mappings by name that stands for every name that is not listed
 

@@ -14,7 +14,6 @@ from pydantic import (
     model_validator,
 )
 
-from echelon.choices import Criterion, Estimator, ValuesToUse
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Expression,
@@ -27,6 +26,7 @@ from echelon.formats.schema.schema_types import (
     refusal,
     required,
 )
+from echelon.shared import Criterion, Estimator, ValuesToUse
 
 _Triples = tuple[tuple[float, float, float], tuple[float, float, float]]
 

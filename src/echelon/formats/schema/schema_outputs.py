@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
 from pydantic import Discriminator, Tag, model_validator
 
-from echelon.exact.polynomial import Polynomial
+from echelon.algebra import Polynomial
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Expression,
@@ -26,8 +26,7 @@ from echelon.formats.schema.schema_types import (
     refusal,
     required,
 )
-from echelon.mechanism.effect import Side
-from echelon.mechanism.mechanism import Cut, Force, Output
+from echelon.robot import Cut, Force, Output, Side
 
 Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
 COMPONENTS: tuple[Component, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")

@@ -17,7 +17,7 @@ from echelon.formats.schema.schema_types import (
     refusal,
     required,
 )
-from echelon.mechanism.effect import CONSTANTS, KINDS
+from echelon.robot import CONSTANTS, KINDS
 
 Side = Literal["joint", "actuator"]
 

@@ -27,10 +27,10 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from echelon.exact.expressions import PER_PI, PI, is_whole, parse, pi_generators
+from echelon.algebra import PER_PI, PI, is_whole, parse, pi_generators
 from echelon.formats.snapping import NOT_FINITE
-from echelon.hints import nearest
-from echelon.mechanism.closure import ClosureKind
+from echelon.robot import ClosureKind
+from echelon.shared import nearest
 
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
 _FLAGS = {"true": True, "false": False}

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from echelon.errors import InputError
-from echelon.exact.expressions import parse_decimal
-from echelon.exact.polynomial import Rational
+from echelon.algebra import Rational, parse_decimal
 from echelon.formats.literal import LiteralPlacement, Triple
 from echelon.formats.snapping import checked_size, is_tiny
+from echelon.shared import InputError
 
 
 class ExactXml:

@@ -17,9 +17,7 @@ from fractions import Fraction
 from math import radians
 from typing import Any
 
-from echelon.errors import InputError
-from echelon.exact.expressions import PER_PI
-from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.algebra import PER_PI, Polynomial, as_polynomial
 from echelon.formats.literal import (
     DOUBLE_DIGITS,
     LiteralClosure,
@@ -44,10 +42,8 @@ from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step, tiny_notes
 from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.formats.urdf.sdf_vocabulary import MODEL_NAMES, SDF
 from echelon.formats.vocabulary import unread
-from echelon.hints import in_quotes, nearest_of
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.coupling import linear
-from echelon.mechanism.joint import MotionKind
+from echelon.robot import ClosureKind, MotionKind, linear
+from echelon.shared import InputError, in_quotes, nearest_of
 
 WORLD, MODEL = "world", "__model__"
 _WORLDS_GRAVITY = "0 0 -9.8"  # of a world that states none, by the specification

@@ -13,8 +13,7 @@ from math import atan2, hypot
 from pathlib import PurePath
 from typing import Any
 
-from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial
+from echelon.algebra import Polynomial
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralPlacement,
@@ -25,9 +24,8 @@ from echelon.formats.mjcf.mjcf_equality import EqualityRelation, resolve
 from echelon.formats.mjcf.mjcf_numbers import exact_angle
 from echelon.formats.urdf.exact_xml import ExactXml
 from echelon.formats.urdf.urdf_vocabulary import LOOP_BESIDE
-from echelon.hints import nearest_of, unused
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.coupling import linear
+from echelon.robot import ClosureKind, linear
+from echelon.shared import InputError, nearest_of, unused
 
 WORLD = "world"
 _ALONG_AXIS = {

@@ -12,9 +12,7 @@ from math import nan
 from pathlib import PurePath
 from typing import Any
 
-from echelon.errors import InputError
-from echelon.exact.expressions import decimal_text
-from echelon.exact.polynomial import as_polynomial
+from echelon.algebra import as_polynomial, decimal_text
 from echelon.formats.literal import (
     MOTIONS,
     LiteralLink,
@@ -37,9 +35,8 @@ from echelon.formats.urdf.urdf_dialects import (
 )
 from echelon.formats.urdf.urdf_vocabulary import URDF
 from echelon.formats.vocabulary import unread
-from echelon.hints import in_quotes
-from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.coupling import linear
+from echelon.robot import ClosureKind, linear
+from echelon.shared import InputError, in_quotes
 
 JOINT_TYPES = (*MOTIONS, "fixed")
 SINGLE_AXIS = ("revolute", "continuous", "prismatic")

@@ -8,36 +8,32 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from echelon.conventions import PARAMETERS
-from echelon.errors import InputError
-from echelon.exact.expressions import decimal_text
-from echelon.exact.polynomial import Polynomial, format_polynomial
+from echelon.algebra import Polynomial, decimal_text, format_polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.description.document import GENERIC
-from echelon.mechanism.closure import Closure
-from echelon.mechanism.coupling import Spline
-from echelon.mechanism.effect import Effect
-from echelon.mechanism.joint import (
+from echelon.robot import (
     ALL,
     GROUND,
     IDENTITY,
     ORIGIN,
     Body,
+    Closure,
+    Cut,
+    Effect,
     Joint,
+    Mechanism,
     Motion,
     MotionKind,
+    Output,
     Placement,
+    Spline,
     Step,
     Symbol,
     Vector,
-)
-from echelon.mechanism.mechanism import (
-    Cut,
-    Mechanism,
-    Output,
     setup_placements,
     setup_ratios,
 )
+from echelon.shared import PARAMETERS, InputError
 
 if TYPE_CHECKING:
     from echelon.formats.description.description_builder import Joints

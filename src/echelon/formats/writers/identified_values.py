@@ -17,17 +17,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.conventions import PARAMETERS, PER_BODY
-from echelon.errors import InputError
 from echelon.formats.snapping import PRECISION
 from echelon.formats.writers.xml_editor import comment
-from echelon.hints import in_quotes
-from echelon.inertia import convert, pseudo_inertia
-from echelon.mechanism.effect import Action, Side
-from echelon.mechanism.joint import ALL, Body
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values
+from echelon.robot import (
+    ALL,
+    Action,
+    Body,
+    Mechanism,
+    Side,
+    convert,
+    known_values,
+    pseudo_inertia,
+)
+from echelon.shared import PARAMETERS, PER_BODY, Floats, InputError, in_quotes
 
 ROTOR = "rotor"  # kind of the joint of a body that is the rotor of a drive
 

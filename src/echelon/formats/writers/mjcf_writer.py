@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from echelon.errors import InputError
 from echelon.formats.mjcf.mjcf_model import (
     NO_MASS,
     MjcfDocument,
@@ -37,8 +36,8 @@ from echelon.formats.writers.identified_values import (
     reading_notes,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, decoded
-from echelon.hints import in_quotes
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot import Mechanism
+from echelon.shared import InputError, in_quotes
 
 JOINTS = ("joint", "freejoint")
 

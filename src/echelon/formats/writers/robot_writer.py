@@ -15,12 +15,12 @@ import numpy.typing as npt
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.writers.identified_values import IdentifiedValues, sorted_values
 from echelon.formats.writers.xml_editor import decoded
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot import Mechanism
 
 
 @dataclass(frozen=True)
 class WrittenRobot:
-    """A robot file that is yet to be written (see :func:`echelon.files.write_atomically`)."""
+    """A robot file that is yet to be written (see :func:`echelon.shared.files.write_atomically`)."""
 
     name: str  # ``identified.urdf``, ``identified.xml`` (MJCF) or ``identified.yaml``
     text: str

@@ -18,9 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.exact.polynomial import as_polynomial
+from echelon.algebra import as_polynomial
 from echelon.formats.literal import roll_pitch_yaw
 from echelon.formats.urdf.urdf_reader import SINGLE_AXIS, stated_number
 from echelon.formats.writers.description_writer import expression_text
@@ -39,11 +37,19 @@ from echelon.formats.writers.identified_values import (
     rotor_notes,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, quoted
-from echelon.hints import in_quotes, unused
-from echelon.inertia import move
-from echelon.mechanism.joint import GROUND, ORIGIN, Body, Motion, MotionKind, Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values, placement_matrix
+from echelon.robot import (
+    GROUND,
+    ORIGIN,
+    Body,
+    Mechanism,
+    Motion,
+    MotionKind,
+    Placement,
+    known_values,
+    move,
+    placement_matrix,
+)
+from echelon.shared import Floats, InputError, in_quotes, unused
 
 FORMAT = "URDF"
 DYNAMICS = {"viscous": "damping", "coulomb": "friction"}

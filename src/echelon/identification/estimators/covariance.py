@@ -18,8 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
 from echelon.identification.batches import Batcher, TimeBatch, total
 from echelon.identification.estimators.estimate import (
     ROUNDING,
@@ -29,6 +27,7 @@ from echelon.identification.estimators.estimate import (
     solved,
 )
 from echelon.identification.rows.rows import RowBlock, RowStream
+from echelon.shared import Floats, InputError
 
 # estimators whose covariance can come from batches of time
 BATCHED = ("ols", "wls", "irls", "huber")

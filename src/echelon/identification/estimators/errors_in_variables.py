@@ -33,9 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.extras import extra
+from echelon.compute import Layout, Observation, Triangle, column_norms, upper_triangle
 from echelon.identification.estimators.estimate import (
     ROUNDING,
     Estimate,
@@ -52,8 +50,7 @@ from echelon.identification.estimators.least_squares import (
     used_up,
 )
 from echelon.identification.rows.rows import RowBlock, RowStream
-from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import Triangle, column_norms, upper_triangle
+from echelon.shared import Floats, InputError, extra
 
 
 def tls(observation: Observation, units: Sequence[str]) -> Estimate:

@@ -25,10 +25,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.choices import Criterion
-from echelon.errors import InputError
-from echelon.extras import extra
+from echelon.compute import Observation, Triangle, upper_triangle
 from echelon.identification.estimators.estimate import (
     Estimate,
     WeightedSolution,
@@ -41,8 +38,7 @@ from echelon.identification.estimators.least_squares import (
     checked_noise,
     noise_estimate,
 )
-from echelon.observe.observation import Observation
-from echelon.observe.triangle import Triangle, upper_triangle
+from echelon.shared import Criterion, Floats, InputError, extra
 
 
 @dataclass(frozen=True)

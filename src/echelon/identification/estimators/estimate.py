@@ -14,13 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from echelon.arrays import Floats, Integers
-from echelon.doors import public
-from echelon.errors import InputError
-from echelon.extras import extra
-from echelon.logs.finding import enumerated
-from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import Triangle, safe_norms
+from echelon.compute import Layout, Observation, Triangle, safe_norms
+from echelon.identification.logs.finding import enumerated
+from echelon.shared import Floats, InputError, Integers, extra, public
 
 
 @public

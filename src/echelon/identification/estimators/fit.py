@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.hints import nearest_of
+from echelon.compute import Layout, Observation, restricted
 from echelon.identification.batches import TimeBatch
 from echelon.identification.estimators.covariance import (
     BATCHED,
@@ -35,10 +33,10 @@ from echelon.identification.estimators.least_squares import (
 )
 from echelon.identification.estimators.ridge import ridge
 from echelon.identification.rows.rows import RowBlock, RowStream
-from echelon.observe.observation import Layout, Observation, restricted
+from echelon.shared import Floats, InputError, nearest_of
 
 if TYPE_CHECKING:
-    from echelon.formats.schema.schema_log import IdentificationEntry
+    from echelon.formats import IdentificationEntry
 
 
 @dataclass(frozen=True, repr=False)

@@ -38,8 +38,7 @@ from math import erf, exp, pi, sqrt
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
+from echelon.compute import Observation, Triangle, safe_norms
 from echelon.identification.estimators.estimate import (
     ROUNDING,
     Estimate,
@@ -52,8 +51,7 @@ from echelon.identification.estimators.estimate import (
     solved,
 )
 from echelon.identification.rows.rows import RowStream
-from echelon.observe.observation import Observation
-from echelon.observe.triangle import Triangle, safe_norms
+from echelon.shared import Floats, InputError
 
 
 def ols(observation: Observation, units: Sequence[str]) -> Estimate:

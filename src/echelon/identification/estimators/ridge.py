@@ -18,16 +18,14 @@ from typing import Literal
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.errors import InputError
-from echelon.extras import extra
+from echelon.compute import Observation
 from echelon.identification.estimators.estimate import (
     Estimate,
     WeightedSolution,
     check,
     estimate_of,
 )
-from echelon.observe.observation import Observation
+from echelon.shared import Floats, InputError, extra
 
 # ratios of variances that are searched, relative to the largest squared singular value
 RANGE = (1e-16, 1e8)

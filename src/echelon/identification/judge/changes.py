@@ -9,12 +9,11 @@ from math import floor, log10
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.conventions import PER_BODY
+from echelon.base import BaseModel
 from echelon.identification.judge.effects import places
 from echelon.identification.judge.evidence import BLOCKS, States
 from echelon.identification.judge.hypothesis import Kind, Term, Usual
+from echelon.shared import PER_BODY, Floats
 
 _WARM = (
     0.1,

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from echelon.arrays import Floats
 from echelon.identification.judge.evidence import OutputRows, States
+from echelon.shared import Floats
 
 LONGEST = 0.5
 """Delays that are looked for, s: no bus or recorder is later; beyond it files were merged at a wrong time."""

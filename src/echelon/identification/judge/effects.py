@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.arrays import Floats
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind, Term, Usual
-from echelon.logs.columns.column_map import signal_names
-from echelon.mechanism.effect import Side
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values
+from echelon.identification.logs.columns.column_map import signal_names
+from echelon.robot import Mechanism, Side, known_values
+from echelon.shared import Floats
 
 _HARMONICS = range(1, 13)
 _SLOW = ((0.05, "very slow"), (0.15, "slow"), (0.4, "rather slow"))

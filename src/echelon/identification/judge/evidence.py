@@ -14,14 +14,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats, Integers
-from echelon.base.model import BaseModel
+from echelon.base import BaseModel
+from echelon.identification.logs.preparation.prepare import ORDER, ROOM
+from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.plan import spread_out
 from echelon.identification.rows.rows import rows_filtered, rows_taken
-from echelon.logs.preparation.prepare import ORDER, ROOM
-from echelon.logs.recording import Samples
-from echelon.signals.clock import shifted
-from echelon.signals.filters import WORTH, lowpass
+from echelon.identification.signals.clock import shifted
+from echelon.identification.signals.filters import WORTH, lowpass
+from echelon.shared import Flags, Floats, Integers
 
 _SAMPLES = 8000  # samples that are judged, over all logs, of which filters leave a third or a quarter
 BLOCKS = 10  # blocks of time: few enough to hold all motions, enough to tell a standard error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from echelon.identification.judge.hypothesis import Kind, Usual
 from echelon.identification.judge.judge import Judged
-from echelon.logs.finding import Finding, note, warning
+from echelon.identification.logs.finding import Finding, note, warning
 
 _SERIOUS = 0.01  # R² that is worth a warning, for effects that few robots have
 _USUALLY = 1e-3  # the same for those that most have

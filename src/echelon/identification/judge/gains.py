@@ -11,13 +11,11 @@ from itertools import combinations
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.errors import InputError
+from echelon.base import BaseModel
+from echelon.compute import Layout, Observation, safe_norms, upper_triangle
 from echelon.identification.current_fit import fit_currents
 from echelon.identification.judge.evidence import Products
-from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import safe_norms, upper_triangle
+from echelon.shared import Floats, InputError
 
 APART = 1.4  # ratio of gains from which on outputs contradict one another
 _TOLD = 0.1  # relative standard deviation up to which the data tell a gain

@@ -17,7 +17,6 @@ from functools import cached_property
 
 import numpy as np
 
-from echelon.arrays import Floats, Integers
 from echelon.identification.judge.evidence import (
     BLOCKS,
     OutputRows,
@@ -27,6 +26,7 @@ from echelon.identification.judge.evidence import (
     ridged_solution,
     width,
 )
+from echelon.shared import Floats, Integers
 
 _OTHERS = 1 - np.eye(BLOCKS)  # sums over all blocks but one
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
-from echelon.arrays import Floats
 from echelon.identification.judge.evidence import States
+from echelon.shared import Floats
 
 
 class Usual(IntEnum):

@@ -18,9 +18,7 @@ from math import exp, inf, log
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.errors import EchelonError
+from echelon.base import BaseModel
 from echelon.identification.advantage import Advantage
 from echelon.identification.judge.changes import payloads, warming, whole_loads
 from echelon.identification.judge.delays import scanned_delays
@@ -53,6 +51,7 @@ from echelon.identification.judge.settled import (
     settled_with_loads,
 )
 from echelon.identification.physics.feasibility import nearest_physical
+from echelon.shared import EchelonError, Floats
 
 _ROUNDS = 8  # hypotheses that are taken at most
 _SHOWN = 4  # of each round, hypotheses that are told beside the one that was taken

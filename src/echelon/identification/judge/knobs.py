@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.formats.usual_effects import slides
+from echelon.base import BaseModel
+from echelon.formats import slides
 from echelon.identification.judge.effects import Place, places
 from echelon.identification.judge.evidence import States, of_bodies
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
 from echelon.identification.judge.readings import Readings
+from echelon.shared import Floats
 
 _SHORT = 0.01
 """Delay up to which none is told here, s: those were looked for on the clock of the log, which knows when friction

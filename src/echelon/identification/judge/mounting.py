@@ -6,15 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
-from echelon.base.model import BaseModel
-from echelon.errors import InputError
-from echelon.formats.snapping import gravity_vector
-from echelon.formats.usual_effects import floating_velocities
+from echelon.base import BaseModel, base_parameters
+from echelon.formats import floating_velocities, gravity_vector
 from echelon.identification.judge.evidence import GRAVITY
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import known_values
+from echelon.robot import Mechanism, known_values
+from echelon.shared import Floats, InputError
 
 _EARTH = 9.81  # m/s²
 _DIGITS = 4  # of gravity's components, in which an estimate is stated

@@ -15,13 +15,17 @@ from math import degrees, pi, radians
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
+from echelon.base import BaseModel
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Reading, Usual
-from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of, signal_names
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.motor_side import transmission_matrix
+from echelon.identification.logs.columns.column_map import (
+    Channel,
+    ColumnMap,
+    motion_of,
+    signal_names,
+)
+from echelon.robot import MotionKind, transmission_matrix
+from echelon.shared import Floats
 
 _COUPLED = 4  # joints in a row among which a drive moves two: belts and shafts through arms lead no farther
 _DECIMALS = (

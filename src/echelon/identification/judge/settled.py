@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
+from echelon.base import BaseModel
 from echelon.identification.judge.evidence import (
     BLOCKS,
     Evidence,
@@ -18,6 +17,7 @@ from echelon.identification.judge.evidence import (
 )
 from echelon.identification.judge.hypothesis import Knob
 from echelon.identification.judge.knobs import load_of, slopes
+from echelon.shared import Floats
 
 _STANDS = 1e-3  # change of a size, by its standard error or itself, or of what is left, that is none any more
 _STEPS = 6  # at most

@@ -6,12 +6,12 @@ from math import exp, log
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
+from echelon.base import BaseModel
+from echelon.compute import Observation
 from echelon.identification.advantage import Advantage
 from echelon.identification.judge.hypothesis import Kind, Usual
 from echelon.identification.judge.judge import Judged
-from echelon.observe.observation import Observation
+from echelon.shared import Floats
 
 _FOREIGN = 50.0
 """Ratio of an output to what the prior predicts that no robot explains: below that of units, above errors of priors."""

@@ -4,7 +4,7 @@
 - A body that carries some of them gave the others to another body (a rotor's mass counts to the link it sits on, a
   payload's shape to its carrier), so only what each single parameter must satisfy is required: M, XX, YY, ZZ ≥ 0.
 - Among effects, viscous and Coulomb friction (also for each direction of motion), rotor inertia and spring stiffness
-  are not negative: the rows of :data:`echelon.mechanism.effect.KINDS` say so, and an effect is recognised by what it
+  are not negative: the rows of :data:`echelon.robot.effect.KINDS` say so, and an effect is recognised by what it
   does.  The Stribeck amplitude, offsets, preloads, drive gains and forces of one's own may have any sign, unless the
   user bounds them.
 """
@@ -18,15 +18,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echelon.arrays import Floats
-from echelon.conventions import PER_BODY
-from echelon.errors import InputError
-from echelon.hints import nearest_of
-from echelon.mechanism.effect import Effect
-from echelon.mechanism.mechanism import Mechanism
+from echelon.robot import Effect, Mechanism
+from echelon.shared import PER_BODY, Floats, InputError, nearest_of
 
 if TYPE_CHECKING:
-    from echelon.formats.schema.schema_log import BodyBoundsEntry
+    from echelon.formats import BodyBoundsEntry
 
 
 @dataclass(frozen=True)

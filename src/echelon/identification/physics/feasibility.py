@@ -18,10 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.conventions import LENGTH_DEGREE, PER_BODY
-from echelon.errors import EchelonError, InputError
+from echelon.base import BaseModel
 from echelon.identification.physics.bounds import LinearLimits, roles
 from echelon.identification.physics.programme import (
     INFEASIBLE,
@@ -33,7 +30,8 @@ from echelon.identification.physics.programme import (
     solve_in_units,
     svec,
 )
-from echelon.mechanism.stated import characteristic_length
+from echelon.robot import characteristic_length
+from echelon.shared import LENGTH_DEGREE, PER_BODY, EchelonError, Floats, InputError
 
 
 @dataclass(frozen=True, repr=False)

@@ -36,13 +36,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.base.matrix import Identifiability
-from echelon.base.model import BaseModel
-from echelon.errors import EchelonError, InputError
+from echelon.base import BaseModel, Identifiability
+from echelon.compute import Observation, Triangle
 from echelon.identification.advantage import Advantage
 from echelon.identification.estimators.estimate import CLEAR
 from echelon.identification.estimators.least_squares import least_squares
+from echelon.identification.logs.finding import Finding, enumerated, warning
 from echelon.identification.physics.bounds import Bounds, roles
 from echelon.identification.physics.feasibility import (
     active,
@@ -50,11 +49,8 @@ from echelon.identification.physics.feasibility import (
     put_inside,
 )
 from echelon.identification.physics.programme import SOLVED, ConeSolution, Programme
-from echelon.inertia import divergence, pseudo_inertia
-from echelon.logs.finding import Finding, enumerated, warning
-from echelon.mechanism.mechanism import Mechanism
-from echelon.observe.observation import Observation
-from echelon.observe.triangle import Triangle
+from echelon.robot import Mechanism, divergence, pseudo_inertia
+from echelon.shared import EchelonError, Floats, InputError
 
 
 @dataclass(frozen=True, repr=False)

@@ -22,22 +22,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.conventions import PER_BODY
-from echelon.errors import InputError
+from echelon.base import BaseModel
+from echelon.identification.logs.finding import Finding, note, warning
 from echelon.identification.physics.bounds import Roles
-from echelon.inertia import from_pseudo_inertia, move, pseudo_inertia
-from echelon.logs.finding import Finding, note, warning
-from echelon.mechanism.impossible import warn_of_impossible
-from echelon.mechanism.joint import GROUND, Motion, MotionKind, Placement
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import (
+from echelon.robot import (
+    GROUND,
+    Mechanism,
+    Motion,
+    MotionKind,
+    Placement,
     all_symbols,
     characteristic_length,
+    from_pseudo_inertia,
+    move,
     placement_matrix,
+    pseudo_inertia,
     symbol_values,
+    warn_of_impossible,
 )
+from echelon.shared import PER_BODY, Floats, InputError
 
 LEAST = 1e-4
 """Least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size: a plate of a hundredth

@@ -21,11 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
-from echelon.base.model import BaseModel
-from echelon.conventions import PER_BODY
-from echelon.errors import EchelonError
-from echelon.extras import extra
+from echelon.base import BaseModel
 from echelon.identification.physics.bounds import (
     Bounds,
     LinearLimits,
@@ -38,8 +34,8 @@ from echelon.identification.physics.prior_information import (
     common_mass,
     reference,
 )
-from echelon.inertia import SIZE, factor, frame_change, margins, pseudo_inertia
-from echelon.mechanism.mechanism import Parameter
+from echelon.robot import SIZE, Parameter, factor, frame_change, margins, pseudo_inertia
+from echelon.shared import PER_BODY, EchelonError, Floats, extra
 
 
 def svec(matrix: Floats) -> Floats:

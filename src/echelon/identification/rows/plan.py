@@ -19,17 +19,20 @@ from typing import Literal
 
 import numpy as np
 
-from echelon.arrays import Flags
-from echelon.base.model import BaseModel
-from echelon.errors import InputError
+from echelon.base import BaseModel
+from echelon.identification.logs.columns.column_map import ColumnMap
+from echelon.identification.logs.finding import counted
+from echelon.identification.logs.preparation.prepare import (
+    Preparation,
+    PreparationPlan,
+    prepare,
+)
+from echelon.identification.logs.read_log import read_log
+from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.rows.rows import ModelRows
-from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.finding import counted
-from echelon.logs.preparation.prepare import Preparation, PreparationPlan, prepare
-from echelon.logs.read_log import read_log
-from echelon.logs.recording import Samples, Segment
-from echelon.signals.clock import low_passed
-from echelon.signals.filters import reduction
+from echelon.identification.signals.clock import low_passed
+from echelon.identification.signals.filters import reduction
+from echelon.shared import Flags, InputError
 
 
 def split(samples: Samples, share: float) -> tuple[Samples, Samples]:

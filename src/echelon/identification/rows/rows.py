@@ -20,12 +20,10 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Flags, Floats, Integers
-from echelon.base.model import BaseModel
-from echelon.errors import InputError
-from echelon.logs.recording import Samples
-from echelon.observe.observation import Layout, Observation
-from echelon.observe.triangle import upper_triangle
+from echelon.base import BaseModel
+from echelon.compute import Layout, Observation, upper_triangle
+from echelon.identification.logs.recording import Samples
+from echelon.shared import Flags, Floats, InputError, Integers
 
 Item = TypeVar("Item")
 

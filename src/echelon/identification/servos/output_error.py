@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import norm
 
-from echelon.arrays import Flags, Floats
-from echelon.errors import InputError
 from echelon.identification.autocorrelation import CorrelationSums
 from echelon.identification.servos.servo_limits import Limits
 from echelon.identification.servos.servo_motion import ServoMotion, Windows
+from echelon.shared import Flags, Floats, InputError
 
 FIRST_SPEED = 10.0  # error of first velocities, in noise of positions from one sample to the next: they may be anything
 

@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from echelon.arrays import Floats, one_thread
-from echelon.base.derive import base_parameters, base_structure
-from echelon.base.model import BaseModel
-from echelon.doors import public
-from echelon.errors import InputError
+from echelon.base import BaseModel, base_parameters, base_structure
 from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.logs.faults.repeated_values import resolution
+from echelon.identification.logs.finding import Finding, note
+from echelon.identification.logs.read_log import read_log
+from echelon.identification.logs.recording import Segment
 from echelon.identification.scores import GOOD, UNEXPLAINED, USABLE
 from echelon.identification.servos.output_error import OutputErrorProblem, ServoSolution
 from echelon.identification.servos.servo_limits import Limits
@@ -43,13 +43,10 @@ from echelon.identification.servos.servo_start import (
     start_values,
     stated_values,
 )
-from echelon.logs.faults.repeated_values import resolution
-from echelon.logs.finding import Finding, note
-from echelon.logs.read_log import read_log
-from echelon.logs.recording import Segment
-from echelon.mechanism.mechanism import Mechanism
-from echelon.setup.logs import with_logs
-from echelon.setup.setup import Setup
+from echelon.identification.setup.logs import with_logs
+from echelon.identification.setup.setup import Setup
+from echelon.robot import Mechanism
+from echelon.shared import Floats, InputError, one_thread, public
 
 WINDOW = 1.0
 """Length of a window, and of the run-in before it, s: long against a servo's bandwidth, so that servos take away errors

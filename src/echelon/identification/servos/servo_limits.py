@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
+from echelon.shared import Flags, Floats
 
 LIMITS = ("torque", "dead", "speed")
 

@@ -21,12 +21,11 @@ from functools import cached_property
 
 import numpy as np
 
-from echelon.arrays import Floats, Integers
-from echelon.base.model import BaseModel
+from echelon.base import BaseModel
+from echelon.identification.logs.recording import Segment
 from echelon.identification.servos.servo_limits import Limits
-from echelon.logs.recording import Segment
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.term import read_term
+from echelon.robot import Mechanism, read_term
+from echelon.shared import Floats, Integers
 
 Slopes = tuple[Floats, Floats, Floats]
 """Newton's matrix, and derivatives of the forces by positions and velocities, shapes (W, n, n)."""

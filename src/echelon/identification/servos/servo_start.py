@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
-from echelon.base.model import BaseModel
-from echelon.errors import InputError
-from echelon.extras import extra
+from echelon.base import BaseModel
 from echelon.identification.estimators.estimate import CLEAR
+from echelon.identification.logs.recording import Segment
 from echelon.identification.servos.servo_limits import LIMITS, Limits
-from echelon.logs.recording import Segment
-from echelon.mechanism.mechanism import Mechanism
-from echelon.setup.setup import Setup
-from echelon.signals.filters import derivatives, lowpass
+from echelon.identification.setup.setup import Setup
+from echelon.identification.signals.filters import derivatives, lowpass
+from echelon.robot import Mechanism
+from echelon.shared import Flags, Floats, InputError, extra
 
 ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies: data alone tell them
 CERTAIN = (

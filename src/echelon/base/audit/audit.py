@@ -1,0 +1,394 @@
+"""Audit a set of base parameters that another program, paper or person claims, with witnesses of what is wrong.
+
+A witness is a change of the standard parameters that a claimed set and the outputs disagree about.  A column f that is
+no pivot gives the change e_f − Σ B[p, f] e_p, which no output sees in any state; a claimed row with a wrong coefficient
+at f sees it.  A change of the pivots alone that all claimed rows overlook shows what is missing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import cached_property
+
+import numpy as np
+
+from echelon.algebra import Polynomial, parse
+from echelon.base.audit.compare import (
+    RobotNumbers,
+    Row,
+    compare_row,
+    led_by,
+    span_exactly,
+    span_roughly,
+)
+from echelon.base.audit.reading import (
+    AUTO,
+    Claim,
+    LinearReader,
+    Naming,
+    find_naming,
+    names_in,
+    plain_words,
+    precision_of,
+    read_claims,
+    unknown_token,
+)
+from echelon.base.audit.result import Agreement, Audit, ClaimFinding, Missing, Witness
+from echelon.base.derive import base_of
+from echelon.base.expression import collect
+from echelon.base.matrix import BaseMatrix
+from echelon.base.model import BaseModel
+from echelon.base.reading_report import ROUNDING
+from echelon.dynamics import assembly_of
+from echelon.robot import Mechanism, MotionKind, Readable, all_symbols
+from echelon.shared import Floats, InputError, public
+
+_PROPAGATED = (
+    10.0  # how much larger than a rounded angle its effect on a coefficient may be
+)
+
+Claims = str | os.PathLike[str] | Sequence[str] | Mapping[str, str]
+
+
+@public
+def audit(
+    model: BaseModel | Mechanism | Readable,
+    claims: Claims,
+    *,
+    naming: str = AUTO,
+    define: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+) -> Audit:
+    """Compare a claimed set of base parameters with the exact one.
+
+    Parameters
+    ----------
+    model : BaseModel, Mechanism or path-like
+        A saved set or its file; of a robot or its file, base parameters are derived first.
+    claims : path-like, sequence of str, or mapping of str to str
+        A file (CSV, JSON, or text with one expression per line), or expressions, maybe by name.
+    naming : str
+        ``"echelon"``, ``"symoro"``, ``"sympybotics"`` or ``"pinocchio"`` (also FIGAROH's); recognised if ``"auto"``.
+    define : mapping of str to str, optional
+        Symbols that the claims use and the robot's file does not have, as expressions of the file's symbols:
+        ``{"RL4": "pz4"}``.
+    ignore : sequence of str
+        Parameters of the claims that the robot's description leaves out, such as ``"fv*"``: terms in them are dropped,
+        and rows of nothing else are not compared.
+
+    Returns
+    -------
+    Audit
+
+    Raises
+    ------
+    InputError
+        If the claims cannot be read; names the row and what would be valid.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> robot = ec.load("examples/double_pendulum.yaml")
+    >>> claims = ["ZZ1 + l1^2*M2", "MX1 + l1*M2", "MY1", "ZZ2", "MX2", "MY2"]
+    >>> ec.audit(robot, claims).verdict
+    <Verdict.EQUAL: 'equal'>
+    >>> print(ec.audit(robot, ["ZZ1 + l1*M2", *claims[1:]]).findings[0].differences[0])
+    M2 has the coefficient l1 instead of l1^2
+    """
+    base = base_of(model)
+    source = os.fspath(claims) if isinstance(claims, str | os.PathLike) else None
+    found = read_claims(claims)
+    chosen, words = find_naming([claim.text for claim in found], base, naming)
+    put_in = (
+        base.special.definitions
+        if base.special is not None and not base.generic
+        else {}
+    )
+    linking = _Linking(
+        base, chosen, words, {**put_in, **(define or {})}, tuple(ignore), source
+    )
+    rows = [linking.row(claim) for claim in found]
+    kept = [
+        (claim, row) for claim, row in zip(found, rows, strict=True) if row is not None
+    ]
+    if not kept:
+        raise InputError(
+            "nothing is left to compare: every row is ignored", source=source
+        )
+    left_out = tuple(
+        claim for claim, row in zip(found, rows, strict=True) if row is None
+    )
+    return _compare(
+        base, [claim for claim, _ in kept], [row for _, row in kept], chosen, left_out
+    )
+
+
+def _compare(
+    model: BaseModel,
+    claims: Sequence[Claim],
+    rows: Sequence[Row],
+    naming: Naming,
+    ignored: tuple[Claim, ...],
+) -> Audit:
+    rng = np.random.default_rng(model.seed)
+    geometry, precision = (
+        RobotNumbers.of(model),
+        precision_of(claim.text for claim in claims),
+    )
+    matrix = led_by(model.matrix, rows, rng)
+    stated = [ClaimFinding(number, claim) for number, claim in enumerate(claims, 1)]
+    found = [
+        compare_row(f, row, matrix, geometry, precision)
+        for f, row in zip(stated, rows, strict=True)
+    ]
+    right = [
+        k for k, finding in enumerate(found) if finding.agreement is not Agreement.WRONG
+    ]
+    search = WitnessSearch(model, matrix, tuple(rows), geometry, model.seed)
+    if any(finding.agreement is Agreement.PRINTED_DIGITS for finding in found):
+        span = span_roughly(rows, right, matrix, geometry, precision.absolute)
+    else:
+        span = span_exactly(rows, right, matrix, rng)
+    return Audit(
+        model.mechanism.name,
+        model.rank,
+        tuple(
+            replace(f, redundant=k in span.redundant, witness=search.against(f))
+            for k, f in enumerate(found)
+        ),
+        tuple(_missing(k, search) for k in span.missing),
+        naming.name,
+        str(precision),
+        ignored,
+        _notes(model, found),
+    )
+
+
+def _notes(model: BaseModel, found: Sequence[ClaimFinding]) -> tuple[str, ...]:
+    """Numeric programs take a file's 1.5708 literally; terms of that size then come from there."""
+    snapped = max((snap.difference for snap in model.reading.snaps), default=0.0)
+    gaps = [
+        abs(d.difference)
+        for f in found
+        for d in f.differences
+        if d.difference is not None
+    ]
+    if snapped <= ROUNDING or not any(gap <= _PROPAGATED * snapped for gap in gaps):
+        return ()
+    return (
+        f"the robot file's rounded angles were read as exact (largest change {snapped:.2g}), which differences of this "
+        "size may come from; with tolerance 0 they are taken literally, as most programs do",
+    )
+
+
+def _missing(index: int, search: WitnessSearch) -> Missing:
+    matrix = search.matrix
+    column = matrix.pivots[index]
+    terms = [
+        (matrix.parameters[c], value) for c, value in sorted(matrix.rows[index].items())
+    ]
+    unit = search.model.mechanism.columns[column].unit
+    return Missing(
+        collect(matrix.parameters[column], unit, terms), search.unseen_by_claims(index)
+    )
+
+
+@dataclass(frozen=True)
+class _Linking:
+    """From the names in claims to columns and symbols of a model."""
+
+    model: BaseModel
+    naming: Naming
+    words: Mapping[str, str]
+    definitions: Mapping[str, str]
+    ignore: tuple[str, ...]
+    source: str | None
+
+    def row(self, claim: Claim) -> Row | None:
+        """Coefficients by column; None if only ignored parameters occur."""
+        text, odd = plain_words(claim.text, self.words)
+        ignored = {
+            name
+            for name in names_in(text)
+            if any(fnmatchcase(name, p) for p in self.ignore)
+        }
+
+        def parameter(name: str) -> str | None:
+            return name if name in ignored else self.words.get(odd.get(name, name))
+
+        try:
+            terms = LinearReader(parameter, self._symbol).read(text)
+        except ValueError as error:
+            raise InputError(
+                str(error), source=self.source, element=claim.where
+            ) from None
+        column = {name: k for k, name in enumerate(self.model.parameters)}
+        row = {
+            column[name]: value
+            for name, value in terms.items()
+            if name not in ignored and value
+        }
+        if not row and not (terms and ignored):
+            raise InputError(
+                f"'{claim.text}' is zero", source=self.source, element=claim.where
+            )
+        return row or None
+
+    def _symbol(self, name: str) -> Polynomial:
+        if name in self.definitions:
+            return parse(self.definitions[name], self._symbols)
+        if name not in self._symbols:
+            valid = [*self._symbols, *self.definitions]
+            raise ValueError(unknown_token(name, self.naming, self.words, valid))
+        return Polynomial.generator(name)
+
+    @property
+    def _symbols(self) -> list[str]:
+        return sorted({*self.model.mechanism.symbols, *self.model.matrix.symbols})
+
+
+_STATES = 16
+_NEGLIGIBLE = 1e-12
+
+
+@dataclass(frozen=True)
+class WitnessSearch:
+    """A search for numeric examples of changes of parameters."""
+
+    model: BaseModel
+    matrix: BaseMatrix  # B with the representatives that the claims lead with
+    rows: tuple[Row, ...]  # the claimed set
+    geometry: RobotNumbers
+    seed: int  # of the example states, and of values for symbols that have none
+
+    def against(self, finding: ClaimFinding) -> Witness | None:
+        """Witness against a wrong row: one unit of the worst parameter, compensated in all outputs."""
+        if not finding.differences:
+            return None
+        worst = max(
+            finding.differences,
+            key=lambda difference: abs(difference.difference or 0.0),
+        )
+        column = self.matrix.parameters.index(worst.parameter)
+        change = np.zeros(len(self.matrix.parameters))
+        change[column] = 1.0
+        change[list(self.matrix.pivots)] = -self.b[:, column]
+        return self._witness(change)
+
+    def unseen_by_claims(self, missing: int) -> Witness:
+        """A unit of a pivot, with what hides it from all claimed rows."""
+        pivots = list(self.matrix.pivots)
+        others = [k for k in range(len(pivots)) if k != missing]
+        at_pivots = self.claimed[:, pivots]
+        hidden = np.linalg.lstsq(
+            at_pivots[:, others], -at_pivots[:, missing], rcond=None
+        )[0]
+        change = np.zeros(len(self.matrix.parameters))
+        change[pivots[missing]] = 1.0
+        change[[pivots[k] for k in others]] = hidden
+        return self._witness(change)
+
+    @cached_property
+    def assumed(self) -> dict[str, float]:
+        """Values for symbols without one."""
+        model = self.model.mechanism
+        claimed = {s for row in self.rows for c in row.values() for s in c.symbols()}
+        used = all_symbols(model) | claimed | set(self.matrix.symbols)
+        rng = np.random.default_rng(self.seed)
+        return {
+            name: round(rng.uniform(0.2, 0.8), 2)
+            for name in sorted(used)
+            if name not in self.geometry.floats
+        }
+
+    @cached_property
+    def b(self) -> Floats:
+        """B in floats, shape (r, n)."""
+        return self.matrix.floats({**self.geometry.floats, **self.assumed})
+
+    @cached_property
+    def claimed(self) -> Floats:
+        """The claimed coefficients in floats, shape (claims, n)."""
+        geometry = replace(
+            self.geometry, floats={**self.geometry.floats, **self.assumed}
+        )
+        values = np.zeros((len(self.rows), len(self.matrix.parameters)))
+        for i, row in enumerate(self.rows):
+            for column, coefficient in row.items():
+                values[i, column] = geometry.roughly(coefficient)
+        return values
+
+    @cached_property
+    def states(self) -> tuple[Floats, Floats, Floats]:
+        """Example states q, qd, qdd, one per row."""
+        return random_states(self.model, np.random.default_rng(self.seed), self.assumed)
+
+    @cached_property
+    def regressor(self) -> Floats:
+        """X at the example states, shape (states, outputs, n)."""
+        return self.model.standard_regressor(
+            *self.states, symbols=self.assumed, inputs=self.measured
+        )
+
+    @cached_property
+    def measured(self) -> dict[str, Floats]:
+        """Example values of measured inputs, such as currents, by name."""
+        rng = np.random.default_rng(self.seed + 1)
+        names = sorted(
+            i.name[2:-1]
+            for i in self.model.standard_forms.program.inputs.values()
+            if i.name[:2] == "i["
+        )
+        return {name: rng.uniform(-2.0, 2.0, _STATES).round(2) for name in names}
+
+    def _witness(self, change: Floats) -> Witness:
+        change = np.where(np.abs(change) > _NEGLIGIBLE, change, 0.0)
+        outputs = self.regressor @ change
+        loudest = int(np.abs(outputs).sum(axis=1).argmax())
+        scale = np.abs(self.regressor).max(initial=1.0)
+        felt = self.claimed @ change
+        q, qd, qdd = (tuple(float(v) for v in part[loudest]) for part in self.states)
+        return Witness(
+            {
+                name: float(v)
+                for name, v in zip(self.matrix.parameters, change, strict=True)
+                if v
+            },
+            {i + 1: float(v) for i, v in enumerate(felt) if abs(v) > _NEGLIGIBLE},
+            {
+                "q": q,
+                "qd": qd,
+                "qdd": qdd,
+                **{f"i[{k}]": (float(v[loudest]),) for k, v in self.measured.items()},
+            },
+            {
+                output.name: float(v) if abs(v) > _NEGLIGIBLE * scale else 0.0
+                for output, v in zip(
+                    self.model.mechanism.outputs, outputs[loudest], strict=True
+                )
+            },
+            self.assumed,
+        )
+
+
+def random_states(
+    model: BaseModel,
+    rng: np.random.Generator,
+    symbols: Mapping[str, float] | None = None,
+) -> tuple[Floats, Floats, Floats]:
+    """Random states with two decimals; quaternions have unit length, and loops are closed."""
+    mechanism = model.mechanism
+    if closed := assembly_of(mechanism, symbols):
+        return closed.random_closed_states(rng, _STATES)
+    q = rng.uniform(-2.0, 2.0, (_STATES, len(mechanism.positions))).round(2)
+    for motion in mechanism.motions:
+        if motion.kind is MotionKind.BALL:
+            first = mechanism.positions.index(motion.positions[0])
+            q[:, first : first + 4] /= np.linalg.norm(
+                q[:, first : first + 4], axis=1, keepdims=True
+            )
+    rates = rng.uniform(-2.0, 2.0, (2, _STATES, len(mechanism.velocities))).round(2)
+    return q, rates[0], rates[1]

@@ -1,0 +1,1 @@
+"""Identified models as documents: the JSON schema, writing and reading."""

@@ -1,0 +1,432 @@
+"""A set-up with its logs: what columns mean is decided once, before anything is read in earnest.
+
+Every kind of log, which is every list of column names, is guessed from its first file, so that all logs of a kind mean
+the same.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echelon.formats import RobotFile, stated_limits
+from echelon.identification.logs.columns.by_values import is_still
+from echelon.identification.logs.columns.column_guess import guess
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.columns.column_names import is_output
+from echelon.identification.logs.columns.conversion import needed_columns
+from echelon.identification.logs.columns.magnitudes import with_units
+from echelon.identification.logs.files.log_file import LogFile, Table
+from echelon.identification.logs.files.numpy_file import MemoryLog
+from echelon.identification.logs.files.open_log import log_paths
+from echelon.identification.logs.finding import listed
+from echelon.identification.logs.long_log import LongLog
+from echelon.identification.logs.read_log import first_table, measured, opened
+from echelon.identification.logs.units import factor
+from echelon.identification.setup.setup import Setup, setup_of, with_usual
+from echelon.robot import Mechanism, lock_joints, lockable
+from echelon.shared import MOST_NAMED, InputError
+
+_VECTOR = re.compile(
+    r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE
+)
+_STILL = 2e-3
+"""Range, rad or m, of a joint at rest: encoders make noise, and drives hold with some play."""
+
+
+def with_logs(
+    setup: Any, logs: Any, others: Any = (), *, usual: bool = True
+) -> tuple[Setup, tuple[Path, ...], tuple[Path, ...]]:
+    """A set-up that knows its columns, or what one is made from; and the paths of two lists of logs.
+
+    Without ``usual`` it keeps the effects that it states, and joints at rest move elsewhere.
+    """
+    setup = with_usual(setup_of(setup)) if usual else setup_of(setup)
+    fitted, unseen = (
+        joined(log_paths(some), setup.mechanism, setup.columns)
+        for some in (logs, others)
+    )
+    if setup.columns:
+        return setup, fitted, unseen
+    kinds: dict[tuple[str, ...], LogFile] = {}
+    for path in (*fitted, *unseen):
+        file = opened(path)
+        kinds.setdefault(tuple(file.names), file)
+    for file in kinds.values():
+        found = understood(file, setup, only=usual and len(fitted) + len(unseen) == 1)
+        if found.problems:
+            advice = (
+                "echelon setup ROBOT LOG -o setup.yaml  writes a set-up to begin with"
+            )
+            raise InputError("; ".join([*found.problems, advice]), source=file.source)
+        notes = tuple(text for text in found.notes if text not in setup.assumed)
+        setup = replace(
+            found.setup,
+            columns=(*setup.columns, found.columns),
+            assumed=(*setup.assumed, *notes),
+        )
+    return setup, fitted, unseen
+
+
+@dataclass(frozen=True)
+class Understood:
+    """A log as it is understood for a robot."""
+
+    setup: Setup  # without joints that rest and outputs that are not measured
+    columns: ColumnMap
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]  # what was taken for granted
+    locked: dict[str, float]  # where joints rest, rad or m
+    choices: tuple[
+        dict[str, float], ...
+    ] = ()  # the same, where only the user can tell which joints rest
+    commanded: bool = False  # whether there are commands of positions, and nothing that could be an output
+
+
+def understood(
+    file: LogFile,
+    setup: Setup,
+    *,
+    only: bool,
+    by_values: bool = False,
+    outputs: bool = True,
+) -> Understood:
+    """The columns of a log, told by their names, and by their values where that is asked for.
+
+    Joints that are not in the log rest, and so do those that never move there; if it is not the ``only`` log, those of
+    which moreover no output is measured.
+    """
+    drives = _drives(setup.robot_file)
+    vectors = _of_vectors(file.names, drives)
+    said = {
+        name: f"{name} [{unit}]"
+        for name, unit in getattr(file, "units", {}).items()
+        if unit
+    }
+    said |= {name: f"{drive.joint} torque" for name, (drive, _) in vectors.items()}
+    look = cache(lambda: first_table(file))
+    found = guess(
+        file.names,
+        setup.mechanism,
+        look,
+        said=said,
+        by_values=by_values,
+        outputs=outputs,
+    )
+    unread = getattr(file, "left_out", {})
+    lacks_outputs = (
+        outputs and not found.columns.outputs and any(map(is_output, unread))
+    )
+    reasons = "; ".join(
+        [f"'{name}' {why}" for name, why in unread.items()][:MOST_NAMED]
+    )
+    problems = found.problems + (
+        (f"not read: {reasons}",)
+        if unread and (found.problems or lacks_outputs)
+        else ()
+    )
+    columns, geared = _with_gears(found.columns, drives, vectors)
+    side_by_side = file.notes if isinstance(file, LongLog) else ()
+    notes, silent = [*side_by_side, *found.notes, *geared], set(found.unmeasured)
+    locked = _assumed(setup, found.unlogged)
+    if locked:
+        notes.append(
+            f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}"
+        )
+    if columns.positions:
+        tables = file.tables(needed_columns(columns, file.names))
+        table, more = measured(next(tables, Table(file.source, {}))), next(tables, None)
+        columns, findings = with_units(columns, table, setup.mechanism)
+        columns, empty = _without_empty(columns, table)
+        notes += [*(finding.text for finding in findings), *empty]
+        still: dict[str, float] = {}
+        if more is None and lockable(
+            setup.mechanism
+        ):  # of a long log nobody knows what moves later
+            silent |= {
+                name
+                for name, some in columns.outputs.items()
+                if not np.any(table.columns[some.column])
+            }
+            still = _still(columns, table)
+        resting = {name: at for name, at in still.items() if only or name in silent}
+        if len(silent | resting.keys()) < len(columns.outputs) + len(found.unmeasured):
+            locked |= resting
+            notes += (
+                [f"at rest all the time: {listed(resting)}, {_line(resting)}"]
+                if resting
+                else []
+            )
+            mute = [
+                name
+                for name in resting
+                if is_still(table.columns[columns.positions[name].column])
+            ]
+            notes += (
+                [
+                    f"all samples of {listed(mute)} are equal: does the joint rest, or has it no sensor?"
+                ]
+                if mute
+                else []
+            )
+        else:  # nothing would be left: what is wrong with it is said when it is read
+            silent = set(found.unmeasured)
+    silent -= locked.keys()
+    if silent:
+        notes.append(
+            f"no output is measured of {listed(silent)}: it has no column, or only zeros in it"
+        )
+    return Understood(
+        _without(setup, locked, silent),
+        _columns_without(columns, locked.keys(), silent),
+        problems,
+        tuple(notes),
+        locked,
+        tuple(_assumed(setup, some) for some in found.choices),
+        found.commanded and not lacks_outputs,
+    )
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """An actuator of a robot file that drives one joint."""
+
+    name: str
+    joint: str
+    gear: float
+    gain: float = 1.0  # force per unit of control; nan where it depends on the state
+
+
+def stated_gears(file: RobotFile) -> dict[str, tuple[str, str]]:
+    """Joints and ratios of the actuators that a URDF or MJCF file states with gears."""
+    found: dict[str, tuple[str, str]] = {}
+    for transmission in (
+        file.root.iter("transmission") if file.root.tag == "robot" else ()
+    ):
+        joints, actuators = (
+            transmission.findall("joint"),
+            transmission.findall("actuator"),
+        )
+        if len(joints) == len(actuators) == 1:
+            ratio = transmission.findtext(".//mechanicalReduction") or "1"
+            found[str(actuators[0].get("name"))] = (
+                str(joints[0].get("name")),
+                ratio.strip(),
+            )
+    for drive in _drives(file):
+        if drive is not None:
+            found[drive.name] = (drive.joint, f"{drive.gear:.12g}")
+    return {
+        name: (joint, ratio)
+        for name, (joint, ratio) in found.items()
+        if ratio not in ("1", "1.0")
+    }
+
+
+def _drives(file: RobotFile | None) -> list[_Drive | None]:
+    """The actuators of an MJCF file in its order, with what its defaults say; None for those of no joint."""
+    if file is None or file.is_description or file.root.tag != "mujoco":
+        return []
+    from echelon.formats import drives_joint, is_motor, parse_spec
+
+    return [
+        _Drive(
+            str(a.name),
+            str(a.target),
+            float(a.gear[0]),
+            float(a.gainprm[0]) if is_motor(a) else np.nan,
+        )
+        if drives_joint(a)
+        else None
+        for a in parse_spec(file.mjcf).actuators
+    ]
+
+
+def _of_vectors(
+    names: Sequence[str], drives: Sequence[_Drive | None]
+) -> dict[str, tuple[_Drive, float]]:
+    """Columns of MuJoCo's vectors ``ctrl`` and ``actuator_force``, and joint torque per unit in them."""
+    numbers = {
+        name: found for name in names if (found := _VECTOR.search(name)) and drives
+    }
+    first = min((int(found.group(2)) for found in numbers.values()), default=0)
+    said = {}
+    for name, found in numbers.items():
+        place = int(found.group(2)) - min(first, 1)
+        drive = drives[place] if place < len(drives) else None
+        factor = (
+            0.0
+            if drive is None
+            else drive.gear * (drive.gain if found.group(1).lower() == "ctrl" else 1.0)
+        )
+        if drive is not None and factor and np.isfinite(factor):
+            said[name] = (drive, factor)
+    both = {drive.joint for name, (drive, _) in said.items() if "force" in name.lower()}
+    return {
+        name: some
+        for name, some in said.items()
+        if "force" in name.lower() or some[0].joint not in both
+    }
+
+
+def _with_gears(
+    columns: ColumnMap,
+    drives: Sequence[_Drive | None],
+    vectors: Mapping[str, tuple[_Drive, float]],
+) -> tuple[ColumnMap, list[str]]:
+    """Forces that are those of MuJoCo's actuators by their names, times their gears, as the joint feels them."""
+    outputs, notes = dict(columns.outputs), []
+    for drive in drives:
+        channel = None if drive is None else outputs.get(drive.joint)
+        if drive is None or channel is None:
+            continue
+        word = rf"(?<![A-Za-z0-9]){re.escape(drive.name)}(?![A-Za-z0-9])"
+        named = (
+            drive.name and drive.name != drive.joint and re.search(word, channel.column)
+        )
+        _, ratio = vectors.get(channel.column, (drive, drive.gear if named else 1.0))
+        if ratio != 1.0:
+            outputs[drive.joint] = replace(channel, scale=ratio * channel.scale)
+            notes.append(
+                f"'{channel.column}' is the force of actuator '{drive.name}' by its name: times its gear, {ratio:g}"
+            )
+    return replace(columns, outputs=outputs), notes
+
+
+def _line(locked: Mapping[str, float]) -> str:
+    """The line that says where joints rest."""
+    if len(locked) > MOST_NAMED:
+        return "where  locked  says" if any(locked.values()) else "at zero"
+    return f"as by  locked: {{{', '.join(f'{name}: {position:.6g}' for name, position in locked.items())}}}"
+
+
+def _assumed(setup: Setup, names: Sequence[str]) -> dict[str, float]:
+    """Where joints that nobody logged are taken to stand: at zero, or at the nearest end of their range."""
+    file, found = setup.robot_file, {}
+    limits = stated_limits(file, setup.mechanism) if names and file is not None else {}
+    for name in names:
+        low, high = (limits[name].position if name in limits else None) or (0.0, 0.0)
+        found[name] = min(max(low, 0.0), high)
+    return found
+
+
+def _still(columns: ColumnMap, table: Table) -> dict[str, float]:
+    """Joints whose positions never change by more than an encoder's noise, and where they stand, rad or m."""
+    found = {}
+    for name, channel in columns.positions.items():
+        values = (
+            channel.scale * factor(channel.unit, None) * table.columns[channel.column]
+            + channel.offset
+        )
+        values = values[np.isfinite(values)]
+        if len(values) and np.ptp(values) < _STILL:
+            found[name] = float(np.median(values))
+    return found
+
+
+def _without_empty(columns: ColumnMap, table: Table) -> tuple[ColumnMap, list[str]]:
+    """Without velocities, accelerations and references, which nobody needs, where one of them holds no number."""
+    notes: list[str] = []
+    kept: dict[str, Mapping[str, Channel]] = {}
+    for kind in ("velocity", "acceleration", "reference"):
+        group = columns.channels[kind]
+        empty = [
+            some.column
+            for some in group.values()
+            if not np.isfinite(table.columns[some.column]).any()
+        ]
+        notes += (
+            [f"no {kind} is used, as there are no numbers in {listed(empty)}"]
+            if empty
+            else []
+        )
+        kept[kind] = {} if empty else group
+    v, a, r = kept.values()
+    return replace(columns, velocities=v, accelerations=a, references=r), notes
+
+
+def _columns_without(
+    columns: ColumnMap, locked: Collection[str], silent: Collection[str]
+) -> ColumnMap:
+    def left(kind: str, gone: Collection[str] = locked) -> dict[str, Channel]:
+        return {
+            name: channel
+            for name, channel in columns.channels[kind].items()
+            if name not in gone
+        }
+
+    q, v, a, r = (
+        left(kind) for kind in ("position", "velocity", "acceleration", "reference")
+    )
+    return ColumnMap(
+        columns.time, columns.rate, q, v, a, left("output", {*locked, *silent}), r
+    )
+
+
+def _without(
+    setup: Setup, locked: Mapping[str, float], silent: Collection[str]
+) -> Setup:
+    """The set-up with joints locked and without outputs that are not measured, and effects in their drives."""
+    reading, mechanism = setup.mechanism.reading, lock_joints(setup.mechanism, locked)
+    if silent:
+        measured = tuple(
+            output for output in mechanism.outputs if output.name not in silent
+        )
+        effects = tuple(
+            e
+            for e in mechanism.effects
+            if any(action.at not in silent for action in e.actions)
+        )
+        mechanism = replace(mechanism, measured=measured, effects=effects)
+    elif locked and reading is not None:
+        options = replace(reading.options, locked={**reading.options.locked, **locked})
+        mechanism = mechanism.as_read(replace(reading, options=options))
+    return replace(setup, mechanism=mechanism)
+
+
+def joined(
+    paths: Sequence[Path], mechanism: Mechanism, columns: Sequence[ColumnMap] = ()
+) -> tuple[Path, ...]:
+    """The logs, with files joined of which no one is a log: all of them, or one of each kind, such as positions1.csv.
+
+    The name of a file may say of which quantity or joint it is.
+    """
+
+    def is_log(path: Path) -> bool:
+        names = opened(path).names
+        return (
+            any(set(needed_columns(some)) <= set(names) for some in columns)
+            or not guess(names, mechanism).problems
+        )
+
+    if len(paths) < 2 or any(
+        isinstance(path, MemoryLog) or is_log(path) for path in paths
+    ):
+        return tuple(paths)
+    kinds: dict[tuple[str, ...], list[Path]] = {}
+    for path in paths:
+        kinds.setdefault(_holds(path, mechanism), []).append(path)
+    sets = list(zip(*kinds.values(), strict=False))
+    if len(sets) * len(kinds) < len(paths) or len(kinds) < 2:
+        sets = [tuple(paths)]
+    found = [Path("+".join(map(str, some))) for some in sets]
+    with suppress(InputError):  # two files have one name
+        return tuple(found) if is_log(found[0]) else tuple(paths)
+    return tuple(paths)
+
+
+def _holds(path: Path, mechanism: Mechanism) -> tuple[str, ...]:
+    """The kinds of quantities that the columns of a file are by their names, with that of the file or without."""
+    names = opened(path).names
+    for tried in ([f"{path.stem}/{name}" for name in names], names):
+        channels = guess(tried, mechanism).columns.channels
+        if found := tuple(kind for kind, some in channels.items() if some):
+            return found
+    return ()

@@ -1,0 +1,363 @@
+"""Set-ups: a robot description with what its logs mean, how they are prepared, and what is fitted or designed.
+
+The sections of a file are declared once, as data models (:mod:`echelon.formats.schema`), and used as they are.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from echelon.algebra import DEFAULT_SEED, PI, parse, symbol_of
+from echelon.formats import (
+    Document,
+    ExcitationEntry,
+    IdentificationEntry,
+    PreparationEntry,
+    ReadingOptions,
+    RobotFile,
+    open_robot,
+    with_usual_effects,
+)
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.robot import Mechanism, known_values
+from echelon.shared import InputError, in_quotes, nearest, nearest_of, public
+
+if TYPE_CHECKING:
+    from echelon.formats import Column, ColumnEntry, Columns, LogEntry
+
+
+@public
+@dataclass(frozen=True)
+class Setup:
+    """A robot, what its logs mean, and what is to be done with them.
+
+    Attributes
+    ----------
+    source : str
+        The file that states it.
+    mechanism : Mechanism
+    columns : tuple of ColumnMap
+        What columns mean, for one or several kinds of logs; none where the file does not say, then the columns' names
+        must speak for themselves.
+    preparation : PreparationEntry
+        How logs become samples; what is None is chosen from the data.
+    settings : IdentificationEntry
+        What is fitted, and how: the section ``identification``.
+    prior : Mechanism, optional
+        Another description of the robot, with inertial values, for a prior.
+    robot_file : RobotFile, optional
+        The URDF, SDF or MJCF file that holds the robot, if one does.
+    states_effects : bool
+        Whether the file says what effects there are; without, the usual ones are identified.
+    usual : bool
+        Whether the usual effects are among them, so that rotors are tried where data ask for them.
+    assumed : tuple of str
+        What was taken for granted where the file is silent, in sentences.
+    excitation : ExcitationEntry
+        What a trajectory has to keep that excites the parameters; see :func:`echelon.exciting_trajectory`.
+    seed : int
+    document : Document, optional
+        The description as it was read, which knows lines.
+    """
+
+    source: str
+    mechanism: Mechanism
+    columns: tuple[ColumnMap, ...] = ()
+    preparation: PreparationEntry = field(
+        default_factory=PreparationEntry.model_construct
+    )
+    settings: IdentificationEntry = field(
+        default_factory=IdentificationEntry.model_construct
+    )
+    prior: Mechanism | None = None
+    robot_file: RobotFile | None = None
+    states_effects: bool = True
+    usual: bool = False
+    assumed: tuple[str, ...] = ()
+    excitation: ExcitationEntry = field(default_factory=ExcitationEntry.model_construct)
+    seed: int = DEFAULT_SEED
+    document: Document | None = field(default=None, repr=False)
+
+    def error(self, path: str, problem: str) -> InputError:
+        """An error about an element of the file, with its line where that is known.
+
+        Parameters
+        ----------
+        path : str
+            Path of the element, such as ``excitation.collisions.obstacles[0]``.
+        problem : str
+
+        Returns
+        -------
+        InputError
+        """
+        if self.document is None:
+            return InputError(problem, source=self.source, element=path)
+        return self.document.error(path, problem)
+
+    def with_settings(self, **changes: Any) -> Setup:
+        """The set-up with other settings of the section ``identification``.
+
+        Parameters
+        ----------
+        **changes
+            New values by name, such as ``estimator="huber"``.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> ec.load_setup("examples/logs/emps.yaml").with_settings(estimator="huber").settings.estimator
+        'huber'
+        """
+        return replace(self, settings=self.settings.model_copy(update=changes))
+
+
+def setup_of(source: Any) -> Setup:
+    """A set-up as given, or what :func:`load_setup` makes of a robot or its file."""
+    return source if isinstance(source, Setup) else load_setup(source)
+
+
+@public
+def load_setup(
+    robot: Any, *, prior: Any = None, model: str = "", **reading: Any
+) -> Setup:
+    """Read a robot with its measurement set-up.
+
+    Parameters
+    ----------
+    robot : path-like, str or model
+        An Echelon description, whose sections ``log``, ``preparation`` and ``identification`` are read as well; or
+        anything else that :func:`echelon.load` takes, for which everything is left to choose.  Without a list of
+        effects every measured drive gets viscous and Coulomb friction and an offset, and a rotor and a spring where
+        the robot file states one.
+    prior : the same, optional
+        Another description of the robot with inertial values, instead of the one that the file names.
+    model : str
+        Name of the model to read from an SDF file in which several have joints.
+    **reading
+        Keyword arguments of :func:`echelon.load`.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or a section refers to something that does not exist; names file and element.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> setup = ec.load_setup("examples/logs/emps.yaml")
+    >>> setup.columns[0].positions["slide"].column, setup.preparation.band
+    ('q_meas_m', None)
+    """
+    file, options = open_robot(robot, model), ReadingOptions(**reading)
+    setup = _described(file, options) if file.is_description else _bare(file, options)
+    return (
+        setup
+        if prior is None
+        else replace(setup, prior=open_robot(prior).mechanism(options))
+    )
+
+
+def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
+    mechanism = file.mechanism(replace(options, usual_effects=True))
+    return Setup(
+        file.source,
+        mechanism,
+        robot_file=file,
+        states_effects=False,
+        usual=True,
+        assumed=_assumed(mechanism),
+    )
+
+
+def with_file_effects(setup: Setup) -> Setup:
+    """The set-up with the usual effects, where a robot file that states none stands beside it."""
+    return with_usual(setup) if setup.robot_file is not None else setup
+
+
+def with_usual(setup: Setup) -> Setup:
+    """The set-up with the usual effects, where its file is silent about effects."""
+    if setup.states_effects or setup.mechanism.effects:
+        return setup
+    drives = {} if setup.robot_file is None else setup.robot_file.tree().drives
+    mechanism = with_usual_effects(setup.mechanism, drives)
+    return replace(
+        setup,
+        mechanism=mechanism,
+        usual=True,
+        assumed=(*_assumed(mechanism), *setup.assumed),
+    )
+
+
+def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
+    """A note on effects that nobody stated."""
+    places: dict[str, list[str]] = {"viscous": [], "rotor_inertia": [], "spring": []}
+    for action in (effect.actions[0] for effect in mechanism.effects):
+        if action.kind in places:
+            places[action.kind].append(action.at)
+    if not places.pop("viscous"):
+        return ()
+    text = "no effects are stated, so every measured drive got viscous and Coulomb friction and an offset"
+    for kind, names in places.items():
+        text += (
+            f", and {kind.replace('_', ' ')} where the robot file shows one ({in_quotes(names)})"
+            if names
+            else ""
+        )
+    return (f"{text}; 'effects: none' in a set-up leaves them out",)
+
+
+def _described(file: RobotFile, options: ReadingOptions) -> Setup:
+    mechanism, robot, document = (
+        file.mechanism(options),
+        file.description,
+        file.document,
+    )
+    entry = robot.identification
+    many = isinstance(robot.log, tuple)
+    logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
+    folder, prior = file.directory or Path(), entry.prior.file
+    stated = None if prior is None else open_robot(folder / prior).mechanism(options)
+    return Setup(
+        file.source,
+        mechanism,
+        tuple(
+            _LogSection(mechanism, document, f"log[{k}]" if many else "log").read(log)
+            for k, log in enumerate(logs)
+        ),
+        robot.preparation,
+        entry,
+        stated,
+        file.robot,
+        states_effects=robot.effects is not None,
+        usual="usual" in (robot.effects or ()),
+        excitation=robot.excitation,
+        document=document,
+    )
+
+
+_FIELD = re.compile(r"\{(?:(\d+) *\* *)?(n|i|name)(?: *([+-]) *(\d+))?\}")
+
+EVERY, DRIVES = (
+    "all",
+    "actuators",
+)  # keys that stand for every coordinate (or output), and for every drive
+
+
+class _LogSection:
+    """A ``log`` section of a description, read as a column map."""
+
+    def __init__(self, mechanism: Mechanism, document: Document, path: str) -> None:
+        self.mechanism, self.document, self.path = mechanism, document, path
+        self.drives = tuple(a.name for a in mechanism.transmission.actuators)
+        self.known = {**known_values(mechanism), PI: math.pi}
+
+    def read(self, log: LogEntry) -> ColumnMap:
+        positions, velocities = (
+            self.mechanism.independent_positions,
+            self.mechanism.independent_velocities,
+        )
+        outputs = tuple(output.name for output in self.mechanism.outputs)
+        return ColumnMap(
+            None
+            if log.time is None
+            else self._channel(log.time, f"{self.path}.time", {}),
+            log.rate,
+            self._channels(log.position, "position", positions),
+            self._channels(log.velocity, "velocity", velocities),
+            self._channels(log.acceleration, "acceleration", velocities),
+            self._channels(log.output, "output", outputs),
+            self._channels(log.reference, "reference", positions),
+            self._channels(log.input, "input", velocities),
+        )
+
+    def _channels(
+        self, columns: Columns | None, key: str, names: Sequence[str]
+    ) -> dict[str, Channel]:
+        """The channels of one quantity by coordinate, output or drive; what is stated by name comes before all."""
+        if columns is None:
+            return {}
+        if isinstance(columns, str):
+            return dict(self._filled(columns, f"{self.path}.{key}", names))
+        found: dict[str, Channel] = {}
+        for name, entry in columns.items():
+            path = f"{self.path}.{key}.{name}"
+            if name in (EVERY, DRIVES):
+                found |= dict(
+                    self._filled(entry, path, names if name == EVERY else self.drives)
+                )
+        for name, entry in columns.items():
+            path = f"{self.path}.{key}.{name}"
+            if name not in (EVERY, DRIVES):
+                valid = [*names, *self.drives]
+                if name not in valid:
+                    problem = f"there is no such coordinate, output or drive{nearest_of(name, [*valid, EVERY, DRIVES])}"
+                    raise self.document.error(path, problem)
+                found[name] = self._channel(entry, path, {"name": name})
+        return found
+
+    def _filled(
+        self, entry: Column, path: str, names: Iterable[str]
+    ) -> Iterator[tuple[str, Channel]]:
+        for i, name in enumerate(names):
+            yield name, self._channel(entry, path, {"n": i + 1, "i": i, "name": name})
+
+    def _channel(
+        self, entry: Column, path: str, fields: Mapping[str, object]
+    ) -> Channel:
+        if isinstance(entry, str):
+            return Channel(self._column(entry, path, fields))
+        column = self._column(entry.column, f"{path}.column", fields)
+        return Channel(
+            column,
+            entry.unit,
+            *(self._number(entry, part, path) for part in ("scale", "offset")),
+        )
+
+    def _column(self, template: str, path: str, fields: Mapping[str, object]) -> str:
+        """A column's name; braces that name no field belong to the name, and numbers may be shifted: ``{n+12}``."""
+
+        def filled(found: re.Match[str]) -> str:
+            times, field, sign, more = found.groups()
+            if field not in fields:
+                return found.group()
+            value = fields[field]
+            if isinstance(value, int):
+                return str(int(times or 1) * value + int(f"{sign or ''}{more or 0}"))
+            return found.group() if times or sign else str(value)
+
+        name = _FIELD.sub(filled, template)
+        if "n" in fields and name == template and fields["n"] != 1:
+            problem = f"'{template}' is one column for several channels: use {{n}}, {{i}} or {{name}}"
+            raise self.document.error(path, problem)
+        return name
+
+    def _number(self, entry: ColumnEntry, part: str, path: str) -> float:
+        text, place = str(getattr(entry, part)), f"{path}.{part}"
+        try:
+            value = parse(text)
+        except ValueError as error:
+            raise self.document.error(place, str(error)) from None
+        for generator in value.generators():
+            if symbol_of(generator) not in self.known:
+                hint = nearest(symbol_of(generator), self.known)
+                raise self.document.error(
+                    place, f"'{symbol_of(generator)}' in '{text}' has no value{hint}"
+                )
+        number = value.at(self.known)
+        if not math.isfinite(number) or (part == "scale" and number == 0):
+            raise self.document.error(
+                place,
+                f"'{text}' is {number}; a {part} must be finite"
+                + " and not zero" * (not number),
+            )
+        return number

@@ -1,0 +1,454 @@
+"""A set-up written for a robot and its logs: everything that was found in them, and what could not be decided.
+
+Names decide first, then values.  The text is read back and tried on the logs before it is shown, so that whatever would
+go wrong with it stands in it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from echelon.formats import RobotFile, open_robot
+from echelon.identification.logs.columns.by_values import sample_rate
+from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.columns.magnitudes import is_period
+from echelon.identification.logs.files.log_file import LogFile, Table
+from echelon.identification.logs.files.open_log import log_paths
+from echelon.identification.logs.finding import Severity, counted, listed
+from echelon.identification.logs.read_log import first_table, opened, read_log
+from echelon.identification.logs.units import factor
+from echelon.identification.setup.logs import (
+    Understood,
+    joined,
+    stated_gears,
+    understood,
+)
+from echelon.identification.setup.setup import Setup, load_setup
+from echelon.identification.signals.clock import JITTER, REPEATED, round_rate
+from echelon.robot import Mechanism
+from echelon.shared import EchelonError, InputError, dump_flow
+
+_EFFECTS = """\
+effects:
+  - usual                               # friction and an offset in every drive; rotors that the robot file states
+  # - rotor_inertia                     # geared motors, whose rotors weigh more than links
+  # - {type: stribeck, at: all, velocity: 0.05}
+"""
+_SERVOS = """\
+effects:                                # no torques are logged: servos follow commands, and their motion is simulated
+  - {type: servo, at: all}
+  - {type: viscous, at: all}
+  - {type: coulomb, at: all}
+  - {type: rotor_inertia, at: all}
+"""
+GUESS = 333.0
+"""Rate, Hz, at which hardly any robot is logged: a place-holder until the outputs tell one."""
+
+_UNUSED = "columns that are not used"
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """The text of a set-up, and what is to be said about it."""
+
+    text: str
+    undecided: tuple[str, ...]  # questions that only the user can answer
+    report: tuple[str, ...]  # what the trial showed, line by line
+    is_complete: bool  # whether it says all that is needed to read the logs
+
+
+def skeleton(
+    robot: str | os.PathLike[str],
+    logs: Sequence[str | os.PathLike[str]],
+    folder: Path,
+    rate_of: Callable[[Setup, Sequence[Path]], float | None] | None = None,
+) -> Skeleton:
+    """A set-up for a robot file and its logs, to be put into a folder.
+
+    ``rate_of`` finds the rate of a log without a clock from a set-up that states :data:`GUESS`.
+    """
+    file = open_robot(robot)
+    if file.is_description and "log" in file.document.data:
+        raise InputError("this set-up says already what its logs mean; edit it, or begin with a robot file",
+                         source=file.source)  # fmt: skip
+    setup = load_setup(file)
+    paths = joined(log_paths(logs), setup.mechanism)
+    log = opened(paths[0])
+    found = understood(log, setup, only=len(paths) == 1, by_values=True)
+    if found.commanded:
+        found = _commanded(
+            understood(log, setup, only=len(paths) == 1, by_values=True, outputs=False)
+        )
+    found = _with_rate(found, log)
+    problems, proposed = found.problems, None
+    if _lacks_clock(found, log):
+        if not problems and rate_of is not None:
+            proposed = _explained_rate(
+                found, file, log, folder, lambda setup: rate_of(setup, paths)
+            )
+        explained = (
+            f"; a robot that can exist explains the outputs if the rate is {proposed:g} Hz"
+            if proposed
+            else ""
+        )
+        problems += (
+            f"no column is the time: state the rate of the samples{explained}",
+        )
+    if not problems and not (found.columns.outputs or found.columns.inputs):
+        problems = (
+            "no output is measured: say under log which columns are torques, forces or currents",
+        )
+    body = _body(file, found, log, folder, proposed)
+    questions = (*problems, *_questions(found.columns))
+    trial, is_read = ((), False) if problems else _trial(body, folder, paths)
+    first = "Look it through" if is_read else "Mend what is not decided"
+    head = [
+        f"# Set-up of {setup.mechanism.name} for {log.source}, written by  echelon setup.  {first}, then"
+    ]
+    head += [
+        f"#   echelon identify THIS_FILE {' '.join(map(str, logs))} -o result/",
+        "#",
+    ]
+    head += (
+        _comments("found", found.notes)
+        + _comments("not decided", questions)
+        + _comments("tried", trial)
+    )
+    return Skeleton(
+        "\n".join(head) + "\n" + body, questions, (*found.notes, *trial), is_read
+    )
+
+
+def _commanded(found: Understood) -> Understood:
+    """The reading of a log that has position commands and no torques."""
+    columns = replace(found.columns, references={}, inputs=found.columns.references)
+    note = "there are no outputs but position commands, so that servos are fitted"
+    return replace(found, columns=columns, notes=(*found.notes, note))
+
+
+def _with_rate(found: Understood, log: LogFile) -> Understood:
+    """With a rate where stamps are coarser than samples, or where there are none, by what velocities say."""
+    columns, table = found.columns, first_table(log)
+    time = (
+        None
+        if columns.time is None
+        else table.columns[columns.time.column] * factor(columns.time.unit, "s")
+    )
+    if (
+        columns.time is not None
+        and time is not None
+        and np.sum(np.diff(time) == 0) > REPEATED * (len(time) - 1)
+    ):
+        period = float(time[-1] - time[0]) / (len(time) - 1)
+        if not is_period(period):
+            return found
+        rate = round_rate(period)
+        text = f"time stamps in '{columns.time.column}' are coarser than the samples, so that many repeat; by the "
+        text += f"first and the last one a sample takes {1000 * period:.4g} ms: the rate is {rate:.4g} Hz"
+    elif (
+        time is None
+        and not table.clocks
+        and columns.positions.keys() & columns.velocities.keys()
+    ):
+        rate, error = _rate_by_velocities(columns, table)
+        text = f"positions change as the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
+        if not is_period(1 / rate):
+            return found
+        if error > JITTER * rate:
+            return replace(
+                found,
+                notes=(
+                    *found.notes,
+                    f"{text}, which is too uncertain for a rate: state it",
+                ),
+            )
+        rate = _roundest(rate, 2 * error)
+        text += f": the rate is taken to be {rate:.6g} Hz"
+    else:
+        return found
+    return replace(
+        found,
+        columns=replace(columns, time=None, rate=rate),
+        notes=(*found.notes, text),
+    )
+
+
+def _roundest(value: float, error: float) -> float:
+    """The number with the fewest digits that is within an error."""
+    rounded = (float(f"{value:.{digits}e}") for digits in range(15))
+    return next((number for number in rounded if abs(number - value) <= error), value)
+
+
+def _rate_by_velocities(columns: ColumnMap, table: Table) -> tuple[float, float]:
+    """Samples per second at which positions change as the velocities say, and their standard error; or nan."""
+    names = [name for name in columns.positions if name in columns.velocities]
+    q, v = (
+        np.stack(
+            [
+                table.columns[some[name].column] * factor(some[name].unit, None)
+                for name in names
+            ],
+            axis=1,
+        )
+        for some in (columns.positions, columns.velocities)
+    )
+    return sample_rate(q, v)
+
+
+def _lacks_clock(found: Understood, log: LogFile) -> bool:
+    columns = found.columns
+    return bool(columns.positions) and not (
+        columns.time or columns.rate or first_table(log).clocks
+    )
+
+
+def _explained_rate(
+    found: Understood,
+    file: RobotFile,
+    log: LogFile,
+    folder: Path,
+    rate_of: Callable[[Setup], float | None],
+) -> float | None:
+    """The rate that explains the outputs, where masses and gravity tell one."""
+    trial = _body(
+        file, replace(found, columns=replace(found.columns, rate=GUESS)), log, folder
+    )
+    try:
+        return rate_of(
+            load_setup(RobotFile(trial.encode(), "setup.yaml", True, folder))
+        )
+    except EchelonError:  # what is wrong with the log is said when it is tried
+        return None
+
+
+def _questions(columns: ColumnMap) -> list[str]:
+    """Questions that no file answers, where it matters."""
+    asked = []
+    if columns.rate and columns.time is None:
+        asked.append(
+            f"whether there are {columns.rate:g} samples per second, as found above"
+        )
+    if columns.outputs and not any(
+        channel.unit for channel in columns.outputs.values()
+    ):
+        asked.append("whether outputs are in N·m (N), at the joints' side of the gears; of motors before gears, state "
+                     "actuators: {m1: 100*joint1} and name these under output")  # fmt: skip
+    if columns.positions and not any(
+        channel.unit for channel in columns.positions.values()
+    ):
+        asked.append(
+            "whether positions are zero, and turn the same way, where the robot file says so (offset, scale: -1)"
+        )
+    return asked
+
+
+# -- text -------------------------------------------------------------------------------------------------------------
+
+
+def _body(
+    file: RobotFile,
+    found: Understood,
+    log: LogFile,
+    folder: Path,
+    proposed: float | None = None,
+) -> str:
+    """The set-up after its head; with a ``proposed`` rate, Hz, for a log without a clock."""
+    mechanism = found.setup.mechanism
+    parts = [f"{line}  # they rest: there?" for line in _locked_lines(found)]
+    if mechanism.measured is not None and not file.is_description:
+        parts.append(
+            dump_flow(
+                {"outputs": [{"actuator": output.name} for output in mechanism.outputs]}
+            )
+        )
+    section = _log_section(found.columns, mechanism, log, proposed)
+    if file.is_description:
+        return "\n".join([file.data.decode().rstrip(), *parts, section])
+    source = Path(file.source)
+    path = (
+        os.path.relpath(source.absolute(), folder.absolute())
+        if source.is_file()
+        else str(source)
+    )
+    head = [
+        dump_flow({key: value})
+        for key, value in (("echelon", 1), ("name", mechanism.name), ("robot", path))
+    ]
+    return (
+        "\n".join(
+            [
+                *head,
+                *_gears(file),
+                *parts,
+                _SERVOS if found.columns.inputs else _EFFECTS,
+            ]
+        )
+        + section
+    )
+
+
+def _locked_lines(found: Understood) -> list[str]:
+    """Lines that say which joints rest; as comments where only the user can tell."""
+    lines = [dump_flow({"locked": found.locked})] if found.locked else []
+    return lines + [f"# {dump_flow({'locked': choice})}" for choice in found.choices]
+
+
+def _gears(file: RobotFile) -> list[str]:
+    """The gears that a robot file states, as a comment: they matter where columns were measured at motors."""
+    ratios = {
+        actuator: f"{ratio}*{joint}"
+        for actuator, (joint, ratio) in stated_gears(file).items()
+    }
+    if not ratios:
+        return []
+    return [
+        "# gears of the robot file, for columns that were measured at the motors:",
+        f"# {dump_flow({'actuators': ratios})}",
+    ]
+
+
+def _log_section(
+    columns: ColumnMap, mechanism: Mechanism, log: LogFile, proposed: float | None
+) -> str:
+    lines = ["log:"]
+    if columns.time is not None:
+        lines.append(f"  {dump_flow({'time': _entry(columns.time)})}")
+    elif columns.rate:
+        lines.append(f"  rate: {columns.rate:<32g}# Hz, as found above")
+    elif not first_table(log).clocks:
+        lines.append(
+            f"  #  rate: {proposed or 1000:<28g} # Hz; in place of the time, which no column is"
+        )
+    for key, group in columns.channels.items():
+        if group:
+            lines += _group(key, group)
+        elif key == "position" or (key == "output" and not columns.inputs):
+            lines.append(
+                f'  # {key}: "…_{{n}}"                       # one column for each of {listed(_names(mechanism, key))}'
+            )
+    used = {
+        channel.column
+        for group in columns.channels.values()
+        for channel in group.values()
+    }
+    used |= {columns.time.column} if columns.time is not None else set()
+    left = [name for name in log.names if name not in used]
+    return (
+        "\n".join([*lines, *(f"  {line}" for line in _comments(_UNUSED, left))]) + "\n"
+    )
+
+
+def _names(mechanism: Mechanism, key: str) -> list[str]:
+    return (
+        [output.name for output in mechanism.outputs]
+        if key == "output"
+        else list(mechanism.positions)
+    )
+
+
+def _group(key: str, group: Mapping[str, Channel]) -> list[str]:
+    """Lines that state the channels of a quantity: by a pattern where they have one, else one by one."""
+    pattern = _pattern(group)
+    if pattern is not None:
+        entry = _entry(pattern)
+        return [
+            f"  {dump_flow({key: entry if isinstance(entry, str) else {'all': entry}})}"
+        ]
+    return [
+        f"  {key}:",
+        *(
+            f"    {dump_flow({name: _entry(channel)})}"
+            for name, channel in group.items()
+        ),
+    ]
+
+
+def _entry(channel: Channel) -> str | dict[str, str | float]:
+    """A channel as a description states it."""
+    found: dict[str, str | float] = {"column": channel.column}
+    found |= {"unit": channel.unit} if channel.unit else {}
+    found |= {"scale": channel.scale} if channel.scale != 1 else {}
+    return found if len(found) > 1 else channel.column
+
+
+def _pattern(group: Mapping[str, Channel]) -> Channel | None:
+    """One channel whose name, with {n} or {name} in it, stands for all of them."""
+    names, channels = list(group), list(group.values())
+    first = channels[0]
+    if len(channels) < 2 or any(
+        (c.unit, c.scale, c.offset) != (first.unit, first.scale, first.offset)
+        for c in channels
+    ):
+        return None
+    if all(c.column.replace(name, "{name}") == first.column.replace(names[0], "{name}") != first.column
+           for name, c in group.items()):  # fmt: skip
+        return replace(first, column=first.column.replace(names[0], "{name}"))
+    for number in reversed([*re.finditer(r"\d+", first.column)]):
+        shift = int(number.group()) - 1
+        before, after = first.column[: number.start()], first.column[number.end() :]
+        if all(
+            channel.column == f"{before}{k + 1 + shift}{after}"
+            for k, channel in enumerate(channels)
+        ):
+            field = "{n}" if shift == 0 else "{i}" if shift == -1 else f"{{n+{shift}}}"
+            return replace(first, column=f"{before}{field}{after}")
+    return None
+
+
+def _comments(title: str, texts: Sequence[str]) -> list[str]:
+    """Texts as comments: a list of sentences, or names in a row."""
+    wrapped = partial(textwrap.wrap, width=112)
+    if not texts:
+        return []
+    if title == _UNUSED:
+        return wrapped(f"# {title}: {', '.join(texts)}", subsequent_indent="#   ")
+    lines = [f"# {title}:"]
+    for text in texts:
+        lines += wrapped(
+            " ".join(text.split()), initial_indent="#   - ", subsequent_indent="#     "
+        )
+    return lines
+
+
+# -- trial ------------------------------------------------------------------------------------------------------------
+
+
+def _trial(
+    body: str, folder: Path, paths: Sequence[Path]
+) -> tuple[tuple[str, ...], bool]:
+    """Findings of reading the logs with the set-up, and whether they can be read."""
+    try:
+        setup = load_setup(RobotFile(body.encode(), "setup.yaml", True, folder))
+        lines = []
+        for path in paths:
+            piece = next(
+                read_log(
+                    path,
+                    setup.mechanism,
+                    setup.columns,
+                    outputs=any(some.outputs for some in setup.columns),
+                ),
+                None,
+            )
+            segments = () if piece is None else piece.segments
+            seconds = sum(len(segment) / segment.rate for segment in segments)
+            rate = f" at {segments[0].rate:.5g} Hz" if segments else ""
+            lines.append(
+                f"{path.name}: {seconds:.4g} s{rate} in {counted(len(segments), 'stretch', 'stretches')}"
+            )
+            lines += [
+                str(f)
+                for f in (piece.findings if piece else ())
+                if f.severity is Severity.WARNING
+            ]
+    except InputError as error:
+        return (f"reading it failed: {error}",), False
+    return tuple(lines), True

@@ -1,1 +1,0 @@
-"""Bodies, joints, couplings and gravity: frozen descriptions of machines."""

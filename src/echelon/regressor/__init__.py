@@ -1,1 +1,0 @@
-"""The regressor of a mechanism, recorded as a program."""
