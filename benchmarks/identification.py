@@ -22,7 +22,7 @@ import numpy as np
 
 import echelon as ec
 from echelon.identification.cluster import connect
-from echelon.identification.identify import identify
+from echelon.identification.identifying import identify
 from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.rows.rows import stacked
 from echelon.identification.setup.setup import Setup, load_setup
@@ -156,7 +156,7 @@ def merging(folder: Path) -> tuple[float, float]:
     """Seconds and bytes of one merge of two R-factors."""
     from echelon.identification.passes_over_data import PassesOverData
     from echelon.identification.rows.plan import LogPlan
-    from echelon.identification.survey import survey
+    from echelon.identification.surveying import survey
 
     setup, log = panda(), next((folder / "many").iterdir())
     base = ec.base_parameters(setup.mechanism)

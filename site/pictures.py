@@ -104,13 +104,15 @@ def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
 
 
 def write(folder: Path) -> None:
-    """The two pictures of README."""
+    """The two pictures of README, and that of the rooms."""
     import echelon
+    from rooms_picture import picture
 
     base = echelon.base_parameters(echelon.load(ROOT / "examples/panda.yaml"))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "panda.svg").write_text(robot(base).svg, encoding="utf-8")
     (folder / "panda-structure.svg").write_text(structure(base).svg, encoding="utf-8")
+    (folder / "rooms.svg").write_text(picture(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -42,6 +43,14 @@ def test_rooms_have_doors() -> None:
                 if package == "echelon" and len(inside) > 1 and inside[0] != room:
                     behind.append(f"{path}: {node.module}")
     assert behind == []
+
+
+def test_names_of_doors_are_no_modules() -> None:
+    """A module that is imported becomes an attribute of its package, in place of what the door would give."""
+    for stub in SOURCE.rglob("__init__.pyi"):
+        names = set(re.findall(r"import\s+\(?\s*\w+ as (\w+)", stub.read_text()))
+        modules = {path.stem for path in stub.parent.iterdir()}
+        assert names & modules == set(), stub
 
 
 def test_arms_do_without_loops() -> None:

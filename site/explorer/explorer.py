@@ -24,7 +24,7 @@ from echelon.formats.usual_effects import effect_label, slides
 from echelon.report.drawing import CLASSES, drawable_pose, seen_bodies
 from echelon.robot.effect import Effect, Side, ready_made
 from echelon.robot.joint import GROUND, Body, Joint, MotionKind, Placement
-from echelon.robot.lock_joints import lock_joints
+from echelon.robot.locking import lock_joints
 from echelon.robot.mechanism import Cut, Mechanism, Output
 from echelon.robot.substitute import substituted
 from echelon.shared.conventions import PARAMETERS

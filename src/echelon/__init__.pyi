@@ -1,8 +1,8 @@
 """The public names and where each is declared: type checkers read this file, and so does ``__init__.py``."""
 
-from echelon.base.audit.audit import audit as audit
-from echelon.base.audit.result import Audit as Audit
-from echelon.base.audit.result import Verdict as Verdict
+from echelon.base.claims.audit import audit as audit
+from echelon.base.claims.result import Audit as Audit
+from echelon.base.claims.result import Verdict as Verdict
 from echelon.base.derive import base_parameters as base_parameters
 from echelon.base.derive import base_structure as base_structure
 from echelon.base.expression import Expression as Expression
@@ -42,12 +42,12 @@ from echelon.excite.problem.prior_model import (
     information_of_logs as information_of_logs,
 )
 from echelon.excite.problem.trajectory import Trajectory as Trajectory
-from echelon.formats.linear_document import load_linear as load_linear
+from echelon.formats.linear_models import load_linear as load_linear
 from echelon.formats.robot_file import load as load
 from echelon.identification.estimators.estimate import Estimate as Estimate
 from echelon.identification.gains import drive_gains as drive_gains
 from echelon.identification.gains import gains_from_logs as gains_from_logs
-from echelon.identification.identify import identify as identify
+from echelon.identification.identifying import identify as identify
 from echelon.identification.payload import Payload as Payload
 from echelon.identification.predict import predict_log as predict_log
 from echelon.identification.result import Identification as Identification

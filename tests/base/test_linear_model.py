@@ -17,7 +17,7 @@ from echelon.base.display import to_latex, to_markdown
 from echelon.base.saved.saved import to_json
 from echelon.dynamics.models import LinearModel, evaluate_model
 from echelon.formats.description.document import read_text
-from echelon.formats.linear_document import load_linear, read_linear
+from echelon.formats.linear_models import load_linear, read_linear
 from support.paths import ROOT
 
 EXAMPLES = ROOT / "examples" / "linear"

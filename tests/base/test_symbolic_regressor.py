@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from typer.testing import CliRunner
 
 import echelon as ec
-from echelon.base.audit.audit import random_states
+from echelon.base.claims.audit import random_states
 from echelon.base.symbolic import SymbolicRegressor
 from echelon.cli.commands import app
 from echelon.dynamics.evaluate import evaluate_floats

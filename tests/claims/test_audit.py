@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 import echelon as ec
-from echelon.base.audit.result import Agreement
+from echelon.base.claims.result import Agreement
 from support.float_regressor import float_regressor, random_states
 from support.paths import EXAMPLES
 from support.published_sets import RX90_FILE, base, rows

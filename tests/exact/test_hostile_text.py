@@ -16,7 +16,7 @@ from echelon.algebra.exact.expressions import in_double_range, is_whole, parse
 from echelon.algebra.exact.polynomial import Polynomial, multiple_of, surd
 from echelon.algebra.program.tape import Program
 from echelon.algebra.program.text import record_expression
-from echelon.base.audit.reading import LinearReader
+from echelon.base.claims.reading import LinearReader
 from echelon.base.display import to_latex, to_markdown
 from echelon.cli.commands import app
 from echelon.cli.generate import read_values

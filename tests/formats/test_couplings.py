@@ -20,7 +20,7 @@ from echelon.dynamics.functions import robot_function
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.robot.coupling import Spline, natural_spline
-from echelon.robot.lock_joints import lock_joints
+from echelon.robot.locking import lock_joints
 from echelon.robot.mechanism import Mechanism
 from support.descriptions import read_description
 from support.float_functions import evaluate

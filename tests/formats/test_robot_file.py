@@ -10,9 +10,9 @@ import pytest
 
 import echelon as ec
 from echelon.formats import robot_file
+from echelon.formats.joint_limits import stated_limits
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.formats.snapping import ReadingOptions
-from echelon.formats.stated_limits import stated_limits
 
 ARM = """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>

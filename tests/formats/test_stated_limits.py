@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.formats.joint_limits import StatedLimits, stated_limits
 from echelon.formats.robot_file import open_robot
-from echelon.formats.stated_limits import StatedLimits, stated_limits
 from support.mjcf_models import INERTIA, model
 from support.paths import ROOT
 from support.robot_files import pinocchio_model, robot_file, robot_files

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from echelon.identification.cluster import connect, each, tree
-from echelon.identification.identify import identify
+from echelon.identification.identifying import identify
 from echelon.identification.result import Identification
 from echelon.identification.saved.identified import identification_to_json
 from echelon.shared.errors import InputError

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.identification.identify import identify
+from echelon.identification.identifying import identify
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.scores import Validation

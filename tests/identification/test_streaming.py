@@ -19,7 +19,7 @@ from echelon.compute.observe.triangle import upper_triangle
 from echelon.identification.batches import BATCHES, Batcher, grouped, total
 from echelon.identification.estimators.covariance import clustered, clustered_by
 from echelon.identification.estimators.least_squares import irls
-from echelon.identification.identify import identify
+from echelon.identification.identifying import identify
 from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.passes_over_data import PassesOverData, ingest, size_of
 from echelon.identification.result import Identification
@@ -35,7 +35,7 @@ _PEAK = """
 import resource, sys
 from pathlib import Path
 from support.pendulum_logs import pendulum
-from echelon.identification.identify import identify
+from echelon.identification.identifying import identify
 identify(pendulum(), sys.argv[1:], memory=0)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

@@ -24,7 +24,7 @@ from echelon.compute.observe.observation import Layout, Observation
 from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import irls, ols
-from echelon.identification.identify import identify
+from echelon.identification.identifying import identify
 from echelon.identification.logs.preparation.prepare import Preparation, prepare
 from echelon.identification.logs.recording import Segment
 from echelon.identification.rows.rows import ModelRows

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echelon.identification.identify import identify
+from echelon.identification.identifying import identify
 from echelon.identification.logs.finding import Finding
 from echelon.identification.result import Identification
 from echelon.shared.errors import InputError

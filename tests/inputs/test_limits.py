@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.base.audit.reading import read_claims
+from echelon.base.claims.reading import read_claims
 from echelon.excite.files.trajectory_file import read_trajectory
 from echelon.identification.logs.files.open_log import open_log, read_table
 from echelon.shared.errors import InputError

@@ -14,7 +14,7 @@ import pytest
 
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
-from echelon.robot.lock_joints import lock_joints
+from echelon.robot.locking import lock_joints
 from echelon.robot.mechanism import Mechanism
 from echelon.shared.errors import InputError
 from support.excitation_cases import Floats

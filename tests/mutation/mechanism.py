@@ -67,7 +67,7 @@ FAULTS = (
         "mechanism/test_substitute.py",
     ),
     Fault(
-        "robot/lock_joints.py",
+        "robot/locking.py",
         "moved_by(motion, as_polynomial(cosine), as_polynomial(sine)",
         "moved_by(motion, as_polynomial(cosine), as_polynomial(-sine)",
         "sense of held angles",

@@ -12,7 +12,7 @@ import pytest
 
 import echelon as ec
 from echelon.algebra.exact.polynomial import Polynomial
-from echelon.base.audit.audit import random_states
+from echelon.base.claims.audit import random_states
 from echelon.dynamics.evaluate import evaluate_floats
 from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.loops.assembly import Assembly

@@ -109,7 +109,7 @@ from echelon.algebra.program.sympy_bridge import sympy_number as sympy_number
 from echelon.algebra.program.sympy_bridge import to_sympy as to_sympy
 from echelon.algebra.program.tape import Program as Program
 from echelon.algebra.program.tape import Scalar as Scalar
-from echelon.algebra.program.tape import exact as exact
+from echelon.algebra.program.tape import exact_number as exact_number
 from echelon.algebra.program.text import heaviside as heaviside
 from echelon.algebra.program.text import phase_symbols as phase_symbols
 from echelon.algebra.program.text import record_expression as record_expression

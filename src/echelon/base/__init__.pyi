@@ -1,7 +1,7 @@
 """Names that other rooms may use, and where each is defined."""
 
-from echelon.base.audit.audit import audit as audit
 from echelon.base.certificate import Certificate as Certificate
+from echelon.base.claims.audit import audit as audit
 from echelon.base.derive import SpecialisedMechanism as SpecialisedMechanism
 from echelon.base.derive import base_of as base_of
 from echelon.base.derive import base_parameters as base_parameters

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from math import lcm
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import flint
 import numpy as np
@@ -25,7 +25,7 @@ from echelon.shared import ClosedFormError, EchelonError, InputError, extra
 with extra("symbolic"):
     import sympy
 
-ExactMetric = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
+ExactMetric: TypeAlias = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
 """``"identity"``, the diagonal of S, or S."""
 
 _SINGULAR = "the metric is not definite: B S Bᵀ has no inverse"

@@ -21,7 +21,7 @@ from echelon.algebra import (
     Program,
     Scalar,
     Surd,
-    exact,
+    exact_number,
     parts_of,
     recorded,
     replayed,
@@ -86,7 +86,7 @@ def symbol_constants(
     }
     stated = {name: symbol for name, symbol in stated.items() if name not in kept}
     numbers = {name: _number(symbol) for name, symbol in stated.items()}
-    numbers |= {name: exact(value) for name, value in overrides.items()}
+    numbers |= {name: exact_number(value) for name, value in overrides.items()}
     texts = {name: listed[name] for name in stated} | {
         name: repr(value) for name, value in overrides.items()
     }
@@ -99,7 +99,7 @@ def symbol_constants(
 
 def _number(symbol: Symbol) -> Number:
     """The exact value, where it lies in the field of exact numbers, else the decimal."""
-    return exact(symbol.value) if symbol.number is None else symbol.number
+    return exact_number(symbol.value) if symbol.number is None else symbol.number
 
 
 def parameter_constants(
@@ -125,11 +125,13 @@ def parameter_constants(
         standard = [given[name] for name in base.parameters]
         values = base.values(standard, symbols)
     numbers = {
-        parameter_input(name): exact(float(v))
+        parameter_input(name): exact_number(float(v))
         for name, v in zip(base.pivots, values, strict=True)
     }
     pairs = zip(base.parameters, standard, strict=True) if standard else ()
-    numbers |= {parameter_input(n, standard=True): exact(float(v)) for n, v in pairs}
+    numbers |= {
+        parameter_input(n, standard=True): exact_number(float(v)) for n, v in pairs
+    }
     return Constants(numbers, values=tuple(map(float, values)))
 
 
@@ -245,7 +247,7 @@ def _function(copy: Program, op: Op, a: int) -> int:
     if a not in copy.constants or made in copy.constants:
         return made
     value = FloatArithmetic().unary(op, np.asarray(float(copy.constants[a])))
-    return copy.constant(exact(float(value))).node
+    return copy.constant(exact_number(float(value))).node
 
 
 def _bounded(value: Number) -> Number:

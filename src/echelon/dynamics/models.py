@@ -32,7 +32,7 @@ from echelon.algebra import (
     Schedule,
     Surd,
     count_of,
-    exact,
+    exact_number,
     from_sympy,
     parse,
     random_generator,
@@ -84,7 +84,7 @@ def _value(name: str, value: Any) -> Rational | None:
     if value is None:
         return None
     try:
-        found = parse(value).number if isinstance(value, str) else exact(value)
+        found = parse(value).number if isinstance(value, str) else exact_number(value)
     except (ValueError, InputError):
         found = None
     if found is None:
@@ -176,7 +176,7 @@ def _recorded(
     try:
         if hasattr(entry, "free_symbols"):
             return from_sympy(program, entry, scalars)
-        return program.constant(exact(entry))
+        return program.constant(exact_number(entry))
     except InputError as error:
         raise InputError(str(error), element=place) from None
 

@@ -1,8 +1,10 @@
 """Names that other rooms may use, and where each is defined."""
 
 from echelon.formats.description.document import Document as Document
-from echelon.formats.linear_document import linear_document as linear_document
-from echelon.formats.linear_document import read_linear as read_linear
+from echelon.formats.joint_limits import StatedLimits as StatedLimits
+from echelon.formats.joint_limits import stated_limits as stated_limits
+from echelon.formats.linear_models import linear_document as linear_document
+from echelon.formats.linear_models import read_linear as read_linear
 from echelon.formats.literal import LiteralPlacement as LiteralPlacement
 from echelon.formats.literal import LiteralTree as LiteralTree
 from echelon.formats.literal import numeric_placement as numeric_placement
@@ -37,8 +39,6 @@ from echelon.formats.schema.schema_log import LogEntry as LogEntry
 from echelon.formats.schema.schema_log import PreparationEntry as PreparationEntry
 from echelon.formats.snapping import ReadingOptions as ReadingOptions
 from echelon.formats.snapping import gravity_vector as gravity_vector
-from echelon.formats.stated_limits import StatedLimits as StatedLimits
-from echelon.formats.stated_limits import stated_limits as stated_limits
 from echelon.formats.urdf.exact_xml import ExactXml as ExactXml
 from echelon.formats.usual_effects import floating_velocities as floating_velocities
 from echelon.formats.usual_effects import slides as slides

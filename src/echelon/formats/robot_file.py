@@ -388,6 +388,6 @@ def load_model(robot: Any, model: str = "", **reading: Any) -> Mechanism | Linea
     file = open_robot(robot, model)
     if not file.is_linear_model:
         return file.mechanism(ReadingOptions(**reading))
-    from echelon.formats.linear_document import read_linear
+    from echelon.formats.linear_models import read_linear
 
     return read_linear(file.document)

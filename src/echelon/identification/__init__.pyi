@@ -3,7 +3,7 @@
 from echelon.identification.cluster import connect as connect
 from echelon.identification.estimators.estimate import Estimate as Estimate
 from echelon.identification.fit_findings import limited as limited
-from echelon.identification.identify import identify as identify
+from echelon.identification.identifying import identify as identify
 from echelon.identification.judge.judge import Judged as Judged
 from echelon.identification.judging import explained_rate as explained_rate
 from echelon.identification.logs.files.log_file import decoding as decoding
@@ -46,6 +46,6 @@ from echelon.identification.setup.setup import load_setup as load_setup
 from echelon.identification.setup.setup import setup_of as setup_of
 from echelon.identification.setup.setup import with_file_effects as with_file_effects
 from echelon.identification.setup.skeleton import skeleton as skeleton
-from echelon.identification.survey import FirstLook as FirstLook
-from echelon.identification.survey import first_look as first_look
-from echelon.identification.survey import survey as survey
+from echelon.identification.surveying import FirstLook as FirstLook
+from echelon.identification.surveying import first_look as first_look
+from echelon.identification.surveying import survey as survey

@@ -10,7 +10,8 @@ So the band ends, first, where the residuals hold more than half of what is meas
 logarithms; by the spectra of outputs and residuals, of a fit to a narrower band, without what residuals are near
 standstill), and second, before any base parameter is biased by more than a third of its standard deviation, which
 leaves intervals of 95 % with 94 %.  It is never narrower than the motion, twice the mean frequency of the fastest
-velocity, nor wider than what the signals allow (:mod:`echelon.identification.logs.preparation.choices`), and of a short log it leaves
+velocity, nor wider than what the signals allow (:mod:`echelon.identification.logs.preparation.choices`), and of a
+short log it leaves
 ten rows per parameter.  Where even the narrowest band is biased by more, that is said, and A⁻¹ D ζ is given back.
 Noise that turns the direction of dry friction counts for nothing: rows so near rest leave the fit, and encoders that
 round keep the direction.

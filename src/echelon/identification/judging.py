@@ -31,7 +31,7 @@ from echelon.identification.scores import (
     grade,
 )
 from echelon.identification.setup.setup import Setup
-from echelon.identification.survey import survey
+from echelon.identification.surveying import survey
 from echelon.identification.verdict import by_role
 from echelon.shared import Floats
 

@@ -65,8 +65,8 @@ from echelon.robot.joint import shift as shift
 from echelon.robot.joint import translation as translation
 from echelon.robot.joint import transpose as transpose
 from echelon.robot.joint import turn as turn
-from echelon.robot.lock_joints import lock_joints as lock_joints
-from echelon.robot.lock_joints import lockable as lockable
+from echelon.robot.locking import lock_joints as lock_joints
+from echelon.robot.locking import lockable as lockable
 from echelon.robot.mechanism import Actuator as Actuator
 from echelon.robot.mechanism import Cut as Cut
 from echelon.robot.mechanism import Force as Force

@@ -1,6 +1,7 @@
 """Recorded steps: a mechanism's placements and motions as scalars on one program, and vectors of such scalars.
 
-Each step turns and shifts the current frame.  A :class:`RecordedStep` holds the recorded rotation and shift and, for a motion,
+Each step turns and shifts the current frame.  A :class:`RecordedStep` holds the recorded rotation and shift and, for
+a motion,
 its rate and acceleration, so that the recursions need no case distinction by joint type.  Sensors are freedoms that
 never move, effects are forces, and an output stands for a virtual motion.
 """

@@ -143,7 +143,8 @@ def check_distinct(names: Iterable[str], what: str) -> None:
     >>> check_distinct(["M2", "Μ2"], "symbols")
     Traceback (most recent call last):
         ...
-    echelon.shared.errors.InputError: symbols 'M2' and 'Μ2' look the same: U+039C (GREEK CAPITAL LETTER MU) makes them differ
+    echelon.shared.errors.InputError: symbols 'M2' and 'Μ2' look the same: U+039C (GREEK CAPITAL LETTER MU) makes
+    them differ
     """
     seen: dict[str, str] = {}
     for name in names:

@@ -1,7 +1,8 @@
 """Closed forms of functions that are known by their values modulo primes.
 
 The caller can evaluate a vector of unknown functions of the geometry symbols at any points of any field.  One field
-shows which monomials they have (:mod:`echelon.algebra.exact.fitting`).  The coefficients of these are then found in as many
+shows which monomials they have (:mod:`echelon.algebra.exact.fitting`).  The coefficients of these are then found in
+as many
 fields as it takes, one per sign of √2 and √3 and one per prime, and put together by Chinese remainders and rational
 reconstruction.
 """

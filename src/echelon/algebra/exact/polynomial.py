@@ -463,7 +463,7 @@ def _reduced(exponents: dict[str, int]) -> list[tuple[Monomial, int]]:
 def format_polynomial(
     polynomial: Polynomial, names: Mapping[str, str] | None = None
 ) -> str:
-    """Plain text, readable back by :func:`echelon.algebra.exact.expressions.parse`, with generators called by other names."""
+    """Plain text with generators called by other names, which :func:`echelon.algebra.exact.expressions.parse` reads."""
     called = names or {}
     terms = (
         [(called.get(g, g), e) for g, e in monomial]

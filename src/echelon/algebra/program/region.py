@@ -11,7 +11,8 @@ the wanted signs with steps of all sizes, so that a region's size and distance d
 something count, and every one is proved to exist by ball arithmetic at its point.
 
 The search ends when as many regions add something as products of signs occur, less the relations between them that
-parallel surfaces bring (:mod:`echelon.algebra.program.surfaces`): then no other region can matter.  Else it ends when no change
+parallel surfaces bring (:mod:`echelon.algebra.program.surfaces`): then no other region can matter.  Else it ends
+when no change
 of one sign from a region found led to one that adds something, or when its budget of counted tries is spent.  Then it
 is an assumption that no other region adds anything, and the report says so.
 """

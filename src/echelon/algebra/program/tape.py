@@ -65,7 +65,7 @@ class Scalar:
             if other.program is not self.program:
                 raise InputError("values recorded on two programs cannot be combined")
             return other.node
-        return self.program.constant(exact(other)).node
+        return self.program.constant(exact_number(other)).node
 
     # -- arithmetic --------------------------------------------------------------------------------------------
 
@@ -220,7 +220,7 @@ def _boxed(value: Any) -> Any:
     return np.array(value, dtype=object) if isinstance(value, Scalar) else value
 
 
-def exact(value: Any) -> Number:
+def exact_number(value: Any) -> Number:
     """A number that code wrote down, exactly; a float stands for the shortest decimal that names it."""
     if isinstance(value, int | Fraction | Surd) and not isinstance(value, bool):
         return value

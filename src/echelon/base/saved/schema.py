@@ -81,10 +81,14 @@ def json_schema(kind: type[Schema]) -> dict[str, Any]:
 
 
 class StrictRecord(Schema):
+    """A part of a saved file that may hold no other keys."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class FiniteRecord(StrictRecord):
+    """A part of a saved file whose numbers are finite."""
+
     model_config = ConfigDict(allow_inf_nan=False)
 
 

@@ -1,6 +1,7 @@
 """From files to uniform segments: the steps of reading a log, piece by piece in constant memory.
 
-A long file is read in pieces of :data:`echelon.identification.logs.files.log_file.CHUNK` rows, and every piece is a stretch of its
+A long file is read in pieces of :data:`echelon.identification.logs.files.log_file.CHUNK` rows, and every piece is a
+stretch of its
 own: what filters spoil at the cuts, a few rows in a hundred thousand, is the price for never holding more.
 
 Several files are one log, positions in one and torques in another, by the clock that they share.  Each file keeps the

@@ -1,7 +1,8 @@
 """Columns told by their values: clocks, and families of columns whose names say nothing.
 
 A family has a column for every coordinate; columns that never change are none, as they say nothing.  Positions are the
-family that another one is the rate of (:mod:`echelon.identification.signals.rates`).  Torques that friction dominates are proportional
+family that another one is the rate of (:mod:`echelon.identification.signals.rates`).  Torques that friction
+dominates are proportional
 to velocities, too.  What tells them apart is the slope: by the log's own clock it is one for velocities, or the ratio
 of two units, the same for all joints.  Without a clock it is a rate that nobody knows; then velocities are only told if
 every joint agrees on it, and another family is left for outputs.  Without velocities, positions are much smoother than

@@ -1,6 +1,7 @@
 """Contradictions in a log: magnitudes that no robot has, and velocities that are not the rates of positions.
 
-Where a number cannot be right (:mod:`echelon.identification.logs.columns.magnitudes`), and the column's unit was not stated, reading
+Where a number cannot be right (:mod:`echelon.identification.logs.columns.magnitudes`), and the column's unit was not
+stated, reading
 stops with the unit that would make it right.  To state the unit is to say that the number is right; then, and where
 there is room for doubt, it is a finding.
 

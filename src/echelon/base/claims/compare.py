@@ -36,8 +36,8 @@ from echelon.algebra import (
     substituted,
     symbol_of,
 )
-from echelon.base.audit.reading import DecimalPrecision, precision_of
-from echelon.base.audit.result import Agreement, ClaimFinding, TermDifference
+from echelon.base.claims.reading import DecimalPrecision, precision_of
+from echelon.base.claims.result import Agreement, ClaimFinding, TermDifference
 from echelon.base.matrix import BaseMatrix, coefficient_value, reordered
 from echelon.base.model import BaseModel
 from echelon.shared import (

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from echelon.algebra import Polynomial, parse
-from echelon.base.audit.compare import (
+from echelon.base.claims.compare import (
     RobotNumbers,
     Row,
     compare_row,
@@ -24,7 +24,7 @@ from echelon.base.audit.compare import (
     span_exactly,
     span_roughly,
 )
-from echelon.base.audit.reading import (
+from echelon.base.claims.reading import (
     AUTO,
     Claim,
     LinearReader,
@@ -36,7 +36,7 @@ from echelon.base.audit.reading import (
     read_claims,
     unknown_token,
 )
-from echelon.base.audit.result import Agreement, Audit, ClaimFinding, Missing, Witness
+from echelon.base.claims.result import Agreement, Audit, ClaimFinding, Missing, Witness
 from echelon.base.derive import base_of
 from echelon.base.expression import collect
 from echelon.base.matrix import BaseMatrix

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any
 
-from echelon.base.audit.reading import Claim
+from echelon.base.claims.reading import Claim
 from echelon.base.expression import Expression
 from echelon.shared import one_line, public
 

@@ -4,7 +4,8 @@ A program that prints ``0.050625`` and ``0.07`` in one set means 0.070000 by the
 the precision belongs to the set: its longest decimal tells the number of decimals, or of significant digits, to which
 all are rounded.  More than nine are floating-point noise.
 
-Expressions are linear in the standard parameters.  The same Python parser as in :mod:`echelon.algebra.exact.expressions`, but a
+Expressions are linear in the standard parameters.  The same Python parser as in
+:mod:`echelon.algebra.exact.expressions`, but a
 walk of its own: the coefficients are rational functions of the geometry (``MX2/a2`` is fine), and a product of two
 parameters is refused.
 

@@ -31,7 +31,7 @@ from echelon.identification.rows.plan import LogPlan
 from echelon.identification.scores import Validation
 from echelon.identification.setup.logs import with_logs
 from echelon.identification.setup.setup import Setup
-from echelon.identification.survey import survey
+from echelon.identification.surveying import survey
 from echelon.identification.validation import Models
 from echelon.identification.verdict import by_role, overall_verdict
 from echelon.shared import InputError, one_thread, public
