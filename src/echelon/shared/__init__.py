@@ -1,4 +1,4 @@
-"""What all rooms share; knows nothing of robots.
+"""Errors, names, files and checks that all rooms share; knows nothing of robots.
 
 Errors that name the file and the element; names that may be given to things; public functions whose arguments are
 checked where they enter (``doors``); files that are read within limits (``inputs``) and written whole (``files``);

@@ -64,7 +64,7 @@ class Sensor(Model):
 
     @abstractmethod
     def outputs(self, places: Places, path: str) -> Sequence[Output]:
-        """What it measures on a robot."""
+        """Outputs of the mechanism that the sensor measures."""
 
 
 def _each(forces: Mapping[str, tuple[Force, str]], name: str | None) -> list[Output]:

@@ -80,7 +80,7 @@ class Term:
 
 
 @dataclass(frozen=True)
-class Reading:
+class OtherReading:
     """A large hypothesis: another reading of the logs."""
 
     words: str

@@ -37,7 +37,7 @@ from echelon.identification.judge.held_out import Beside, HeldOut
 from echelon.identification.judge.hypothesis import (
     CONTINUOUS,
     Kind,
-    Reading,
+    OtherReading,
     Term,
     Usual,
 )
@@ -529,7 +529,7 @@ class Judge:
 
     def other_reading(
         self, *, only_clock: bool = False
-    ) -> tuple[Judged, Reading] | None:
+    ) -> tuple[Judged, OtherReading] | None:
         """The reading of the logs with which a robot that can exist explains far more, if there is one."""
         before = self._physical(self.states)
         tried = (
@@ -539,7 +539,7 @@ class Judge:
             return None
         return self._best_reading(before, self._programmes(tried, float(before.mean())))
 
-    def _other_robot(self) -> tuple[Judged, Reading] | None:
+    def _other_robot(self) -> tuple[Judged, OtherReading] | None:
         """Another direction of gravity, or coupled drives, with which free parameters explain far more."""
         products, fit = self._fit(self.states)
         tried = [
@@ -550,8 +550,8 @@ class Judge:
         return self._best_reading(_marks(products, fit.values), tried)
 
     def _best_reading(
-        self, before: Floats, found: Sequence[tuple[Floats, Reading]]
-    ) -> tuple[Judged, Reading] | None:
+        self, before: Floats, found: Sequence[tuple[Floats, OtherReading]]
+    ) -> tuple[Judged, OtherReading] | None:
         """The best of some readings, given with their marks, if it does far better than the present one."""
         if not found:
             return None
@@ -598,8 +598,8 @@ class Judge:
         return replace(judged, gravity=tuple(reading.gravity.tolist())), reading
 
     def _programmes(
-        self, tried: Iterable[Reading], before: float
-    ) -> list[tuple[Floats, Reading]]:
+        self, tried: Iterable[OtherReading], before: float
+    ) -> list[tuple[Floats, OtherReading]]:
         """Readings with the marks of physical parameters, those that could be the best."""
         free = [
             (marks.mean(), reading)
@@ -619,7 +619,7 @@ class Judge:
                 best = min(best, float(marks.mean()))
         return found
 
-    def _likely(self, alike: list[Reading]) -> list[Reading]:
+    def _likely(self, alike: list[OtherReading]) -> list[OtherReading]:
         """Readings with which the prior predicts best: a mirrored robot can exist as well."""
         if self.prior is None or len(alike) < 2:
             return alike
@@ -633,7 +633,7 @@ class Judge:
             if mark <= min(marks) + _READ_ALIKE
         ]
 
-    def _clocks(self) -> Iterator[Reading]:
+    def _clocks(self) -> Iterator[OtherReading]:
         """The rate that explains most, if it is not the one that was taken."""
 
         def mark(rate: float) -> float:
@@ -649,7 +649,7 @@ class Judge:
         if abs(log(rate)) > _SAME_RATE:
             yield self.readings.clock(rate)
 
-    def _free(self, reading: Reading) -> Floats | None:
+    def _free(self, reading: OtherReading) -> Floats | None:
         """Marks of any parameters; None where nothing can be told, as with loops that do not close."""
         try:
             products, fit = self._fit(reading.read(self.states))

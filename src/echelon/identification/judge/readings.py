@@ -17,7 +17,7 @@ import numpy as np
 
 from echelon.base import BaseModel
 from echelon.identification.judge.evidence import States
-from echelon.identification.judge.hypothesis import Reading, Usual
+from echelon.identification.judge.hypothesis import OtherReading, Usual
 from echelon.identification.logs.columns.column_map import (
     Channel,
     ColumnMap,
@@ -53,13 +53,15 @@ class Readings:
         """Names of the outputs."""
         return [output.name for output in self.base.mechanism.outputs]
 
-    def all(self) -> Iterator[Reading]:
+    def all(self) -> Iterator[OtherReading]:
         """Readings that are tried, but for clocks."""
         for change in self._changes():
-            yield Reading(change.text, partial(self._changed, change), change.usual)
+            yield OtherReading(
+                change.text, partial(self._changed, change), change.usual
+            )
         yield from self.of_robot()
 
-    def of_robot(self) -> Iterator[Reading]:
+    def of_robot(self) -> Iterator[OtherReading]:
         """Readings that are about the robot, not its columns: where gravity points, and which joints a drive turns.
 
         Parameters that no robot has cannot imitate these, so that free ones tell them.
@@ -76,16 +78,16 @@ class Readings:
         }
         return {name: delay for name, delay in found.items() if delay}
 
-    def clock(self, rate: float) -> Reading:
+    def clock(self, rate: float) -> OtherReading:
         """A clock that is faster by a factor than the one that was taken."""
         stated = self.columns.rate
         words = f", {stated * rate:.4g} Hz in place of {stated:g} Hz" if stated else ""
         text = f"the clock is wrong: the rate is about {rate:.3g} times that{words}"
-        return Reading(
+        return OtherReading(
             text, partial(self._changed, _Change(text, rate=rate)), Usual.RARELY, rate
         )
 
-    def _of_gravity(self) -> Iterator[Reading]:
+    def _of_gravity(self) -> Iterator[OtherReading]:
         gravity = self.rows.gravity
         if gravity is None:
             return
@@ -98,11 +100,15 @@ class Readings:
                     text = (
                         f"gravity is along {word}{name} of the base (gravity: [{line}])"
                     )
-                    yield Reading(text, partial(_with_gravity, found), gravity=found)
+                    yield OtherReading(
+                        text, partial(_with_gravity, found), gravity=found
+                    )
         text = "the outputs are without the weight, as torques are that a controller compensates (gravity: none)"
-        yield Reading(text, partial(_with_gravity, np.zeros(3)), gravity=np.zeros(3))
+        yield OtherReading(
+            text, partial(_with_gravity, np.zeros(3)), gravity=np.zeros(3)
+        )
 
-    def _of_couplings(self) -> Iterator[Reading]:
+    def _of_couplings(self) -> Iterator[OtherReading]:
         """Columns of drives that move two joints."""
         names = self.names
         if (
@@ -130,7 +136,7 @@ class Readings:
                     outputs=forces,
                     couples=True,
                 )
-                yield Reading(text, partial(self._changed, change), Usual.OFTEN)
+                yield OtherReading(text, partial(self._changed, change), Usual.OFTEN)
 
     def _near(self) -> set[frozenset[str]]:
         """Pairs of coordinates of one branch that a transmission may couple."""

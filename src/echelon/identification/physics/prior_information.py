@@ -292,7 +292,7 @@ def _mended(
 
 
 @dataclass(frozen=True)
-class _JointAxis:
+class _MotionAtZero:
     """An elementary motion at the zero pose: its frame, and what it is."""
 
     frame: Floats
@@ -318,7 +318,7 @@ class _ZeroPose:
 
     mechanism: Mechanism
     frames: tuple[Floats, ...]
-    axes: tuple[tuple[_JointAxis, ...], ...]
+    axes: tuple[tuple[_MotionAtZero, ...], ...]
 
     @staticmethod
     def of(mechanism: Mechanism) -> _ZeroPose:
@@ -332,7 +332,7 @@ class _ZeroPose:
                 if isinstance(step, Placement):
                     frame = frame @ placement_matrix(step, symbols)
                 else:
-                    found.append(_JointAxis(frame, step))
+                    found.append(_MotionAtZero(frame, step))
             frames.append(frame)
             axes.append(tuple(found))
         return _ZeroPose(mechanism, tuple(frames), tuple(axes))
