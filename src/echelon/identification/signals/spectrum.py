@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.identification.signals.chance import CLEAR, normal_deviation
-from echelon.identification.signals.filters import ORDER, WORTH
+from echelon.identification.signals.filters import ORDER
 from echelon.shared import Flags, Floats, InputError, extra
 
 _WINDOWS = 4
@@ -33,8 +33,14 @@ LEAST_SAMPLES = 16 * _WINDOWS
 SHOWING = 1 << 15
 """Samples that show noise, resolution and spectrum of a channel; more would only cost time."""
 
-_PER_OCTAVE = 10
-"""Cut-offs that are tried, and points of the smoothed spectrum that the floor is taken from, per octave."""
+_POINTS = 8
+"""Points per octave of the smoothed spectrum, which the floor is taken from: each is a median of many values."""
+
+_CUTOFFS = 120
+"""Cut-offs that are tried: the error of an acceleration is flat near its least value."""
+
+_HIGHEST = 0.45
+"""Highest cut-off of a Butterworth filter, as a share of the rate; finite filters need more room for a transition."""
 
 _BEYOND_DOUBT = 100.0
 """Ratio to the floor that every stretch of motion has somewhere; lower humps are vibrations or colour of noise."""
@@ -159,7 +165,9 @@ def _differences(
 
 def _medians(frequencies: Floats, densities: Floats) -> Floats:
     """Densities (F, columns) smoothed by medians over narrow bands, which single lines do not raise."""
-    edges = _octaves(frequencies[0], np.nextafter(frequencies[-1], np.inf))
+    octaves = np.log2(frequencies[-1] / frequencies[0])
+    last = np.nextafter(frequencies[-1], np.inf)
+    edges = np.geomspace(frequencies[0], last, max(2, int(_POINTS * octaves)) + 1)
     centres, medians = [], []
     for low, high in pairwise(np.searchsorted(frequencies, edges)):
         if high > low:
@@ -185,14 +193,9 @@ def _stretches(ratio: Floats) -> Flags:
 def best_cutoff(spectrum: PositionSpectrum) -> float:
     """The cut-off with the least error of the acceleration, Hz; ``inf`` if any filter would only make it larger."""
     low = float(spectrum.frequencies[0])
-    cutoffs = _octaves(low, max(WORTH * spectrum.rate, 2 * low))
+    cutoffs = np.geomspace(low, max(_HIGHEST * spectrum.rate, 2 * low), _CUTOFFS)
     best = int(np.argmin(spectrum.filter_error(cutoffs)))
     return float(cutoffs[best]) if best < len(cutoffs) - 1 else np.inf
-
-
-def _octaves(low: float, high: float) -> Floats:
-    """Frequencies from the lowest to the highest, in equal ratios."""
-    return np.geomspace(low, high, max(2, int(_PER_OCTAVE * np.log2(high / low))) + 1)
 
 
 def noise_deviation(
