@@ -101,7 +101,7 @@ def reachable(start: Path, source: Path) -> set[Path]:
     found: set[Path] = set()
     waiting = [start]
     while waiting:
-        for name in _imported(waiting.pop().read_text(encoding="utf-8")):
+        for name in _imported(waiting.pop().read_text(encoding="utf-8"), source):
             place = source / name.replace(".", "/")
             for file in (place.with_suffix(".py"), place / "__init__.py"):
                 if file.exists() and file not in found:
@@ -110,8 +110,11 @@ def reachable(start: Path, source: Path) -> set[Path]:
     return found
 
 
-def _imported(text: str) -> Iterator[str]:
-    """Names of modules that a text may import, and of the packages around them."""
+def _imported(text: str, source: Path) -> Iterator[str]:
+    """Names of modules that a text may import, and of the packages around them.
+
+    What a package imports when it is first asked for stands in the stub beside it.
+    """
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -120,8 +123,20 @@ def _imported(text: str) -> Iterator[str]:
         else:
             continue
         for name in names:
-            parts = name.split(".")
-            yield from (".".join(parts[:end]) for end in range(1, len(parts) + 1))
+            for wanted in (name, _behind_door(name, source)):
+                parts = wanted.split(".")
+                yield from (".".join(parts[:end]) for end in range(1, len(parts) + 1))
+
+
+def _behind_door(name: str, source: Path) -> str:
+    """The module that a package imports for a name; the name itself where it imports none."""
+    package, _, wanted = name.rpartition(".")
+    stub = source / package.replace(".", "/") / "__init__.pyi"
+    if not (package and stub.exists()):
+        return name
+    text = stub.read_text(encoding="utf-8")
+    found = re.search(rf"^from (\S+) import\s+\(?\s*{wanted} as", text, re.MULTILINE)
+    return found[1] if found else name
 
 
 # -- libraries ---------------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import echelon as ec
-from echelon.identification import identify as job
+from echelon.identification import identifying as job
 from echelon.identification.judge.mounting import standing
 from echelon.identification.logs.finding import Finding
 from echelon.shared.errors import InputError

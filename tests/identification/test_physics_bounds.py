@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.identification.identifying import _bounds
+from echelon.identification.fitting import _bounds
 from echelon.identification.physics.fit import physical_fit
 from echelon.robot.inertia import pseudo_inertia
 from echelon.shared.errors import InputError

@@ -18,6 +18,8 @@ import numpy as np
 
 import echelon as ec
 from echelon.dynamics.linear_forms import virtual_power_form
+from echelon.excite.excite import Closeness
+from echelon.excite.problem.shapes import Shape, ShapeKind
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.advantage import Advantage
 from echelon.identification.conditioning import conditioning
@@ -379,6 +381,10 @@ OBJECTS: Mapping[str, Example] = {
     "samples": Example(lambda: next(identified().plan.samples(file("run.parquet")))),
     "prediction": Example(prediction, lambda found: found.predicted),
     "excitation": Example(lambda: ec.exciting_trajectory(setup(), **MOTION), moved),
+    "obstacle": Example(lambda: Shape("wall", -1, ShapeKind.PLANE, (), np.eye(4))),
+    "distances": Example(
+        lambda: Closeness(np.arange(2.0), np.ones(2), ("a – b", "a – b"))
+    ),
     "limits": Example(lambda: ec.load_setup(file("special.yaml")), run),
     "AssemblyWarning": error(ec.AssemblyWarning, "moved"),
     "DoubtWarning": error(ec.DoubtWarning, "doubtful"),
