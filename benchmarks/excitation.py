@@ -111,7 +111,7 @@ class Case:
 
 CASES = {
     "ur10": Case(
-        "UR10, q within ±2.5, speeds of its URDF, condition number",
+        "UR10, q within ±2.5, speeds of its URDF",
         lambda: urdf(UR10),
         {
             "criterion": "condition",
@@ -120,29 +120,29 @@ CASES = {
         10,
     ),
     "panda": Case(
-        "Panda, limits of the data sheet, condition number",
+        "Panda, limits of the data sheet",
         lambda: ec.load_setup(ROOT / "examples" / "panda.yaml"),
         {"criterion": "condition", "limits": panda_limits()},
         5,
     ),
     "tx40": Case(
-        "TX40, coupled wrist, friction, rotors; 2 rad, 3 rad/s, D-optimal",
+        "TX40, coupled wrist, friction, rotors; 2 rad, 3 rad/s",
         lambda: ec.load_setup(ROOT / "examples" / "tx40.yaml"),
         {"limits": {"position": [-2, 2], "velocity": 3}},
     ),
     "table": Case(
-        "UR10 on a table beside a wall, D-optimal",
+        "UR10 on a table beside a wall",
         lambda: ec.load_setup(ROOT / "examples" / "excite" / "ur10.yaml"),
         {},
     ),
     "leg": Case(
-        "a leg of the quadruped A1, base held, D-optimal",
+        "a leg of the quadruped A1, base held",
         lambda: urdf("a1_description/urdf/a1.urdf", floating=True),
         {},
         move=lambda _: ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint"],
     ),
     "talos": Case(
-        "upper body of the humanoid Talos, torques of its URDF, D-optimal",
+        "upper body of the humanoid Talos, torques of its URDF",
         talos,
         {},
         1,
