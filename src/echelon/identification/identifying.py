@@ -145,9 +145,11 @@ def _completed(
             return replace(setup, mechanism=turned), [
                 finding(some, lists_effects=lists, taken=True)
             ]
+    # what explains most comes first: what is found beside a rotor that is lacking may be gone with it
+    is_late = bool(judged) and bool(judged[0].delays)
     readings = [some for some in judged if some.kind not in (Kind.EFFECT, Kind.ROTOR)]
     if (
-        readings
+        is_late
         and setup.preparation.delays is None
         and all(some.delays for some in readings)
     ):
