@@ -455,7 +455,9 @@ def fitted(products: Products) -> WeightedFit:
     """All parameters by iteratively reweighted least squares."""
     whole, counts = products.together(), np.maximum(products.counts.sum(axis=0), 1)
     total = np.array([gram[0, -1, -1] for gram in whole.grams])
-    floor = np.maximum(_FLOOR * total / counts, np.finfo(float).tiny)
+    # weights of outputs that are exactly zero stay far from the largest double
+    least = np.sqrt(np.finfo(float).tiny)
+    floor = np.maximum(_FLOOR * total / counts, least)
     noise = np.maximum(total / counts, floor)
     values, matrix = np.zeros(products.size), np.zeros((products.size, products.size))
     for _ in range(_REWEIGHTED):
