@@ -145,11 +145,14 @@ def _completed(
             return replace(setup, mechanism=turned), [
                 finding(some, lists_effects=lists, taken=True)
             ]
-    # what explains most comes first: what is found beside a rotor that is lacking may be gone with it
-    is_late = bool(judged) and bool(judged[0].delays)
+    # a delay that is found after rotors that are lacking may be gone with them, so that they are taken in first
+    rotors = [some for some in judged if some.kind is Kind.ROTOR]
+    leading = [some.kind for some in judged if some.delays or some.kind is Kind.ROTOR]
+    rotors_first = setup.usual and leading[:1] == [Kind.ROTOR]
     readings = [some for some in judged if some.kind not in (Kind.EFFECT, Kind.ROTOR)]
     if (
-        is_late
+        readings
+        and not rotors_first
         and setup.preparation.delays is None
         and all(some.delays for some in readings)
     ):
@@ -158,7 +161,6 @@ def _completed(
         )
         late = [finding(some, lists_effects=lists, taken=True) for some in readings]
         return replace(setup, preparation=preparation), late
-    rotors = [some for some in judged if some.kind is Kind.ROTOR]
     drives = {place for some in rotors for place in some.places}
     lifted = _lifted(result) - drives
     if not (drives or lifted) or not setup.usual:

@@ -24,11 +24,10 @@ def door(
     """
     module: Any = sys.modules[package]
     spec = module.__spec__
-    source = spec.origin.removesuffix(
-        "c"
-    )  # an installation may hold compiled files only
+    # an installation may hold compiled files only
+    source = spec.origin.removesuffix("c")
     stub = spec.loader.get_data(f"{source}i").decode()
-    home = {name: module for module, name in _IMPORT.findall(stub)}
+    home = {name: place for place, name in _IMPORT.findall(stub)}
     names = sorted(home)
 
     def get(name: str) -> Any:
