@@ -209,6 +209,9 @@ class Mechanism:
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
     rounding : float
         Unit of the last decimal of the numbers of its geometry, rad or a share of its size; 0 if they are exact.
+    experiments : tuple of str
+        Where it stands for several experiments (:func:`echelon.joined`), their names, which are those of the bodies
+        that their trees hang on.
     reading : Reading, optional
         How it was read from a file; absent if it was not, or was changed since (:meth:`as_read`).
 
@@ -230,6 +233,7 @@ class Mechanism:
     independent: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     rounding: float = 0.0
+    experiments: tuple[str, ...] = ()
     reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
