@@ -9,7 +9,7 @@ the base and around couplings, is eliminated at once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import matmul
@@ -386,25 +386,41 @@ def _dependent_by_joint(
     dependent = {}
     # a sensor between a body and its parent sees what moves from one to the other
     watched = {cut.body for cut in mechanism.cuts}
-    for index, body in enumerate(mechanism.bodies):
-        if body.parent == GROUND or body.massless or index in watched:
-            continue
-        # columns of bodies that share parameters are sums, which the relations of one joint do not hold for
-        if len(mechanism.sharing[index]) > 1 or len(mechanism.sharing[body.parent]) > 1:
+    for index in mechanism.carriers:
+        if not _moves_alike(mechanism, index, watched):
             continue
         signature = pair_signature(mechanism, index)
         if signature not in cache:
             supports = _confirmed_dependence(
                 Rows(energy_form(floating_pair(mechanism, index)), 1), rng
             )
-            offset = len(mechanism.bodies[body.parent].carried)
+            offset = len(mechanism.bodies[mechanism.bodies[index].parent].carried)
             cache[signature] = tuple(
                 sorted(k - offset for k in supports if k >= offset)
             )
-        columns = pair_columns(mechanism, index)[-len(body.carried) :]
+        columns = pair_columns(mechanism, index)[-len(mechanism.bodies[index].carried) :]
         if cache[signature]:
             dependent[index] = tuple(columns[k] for k in cache[signature])
     return dependent
+
+
+def _moves_alike(mechanism: Mechanism, index: int, watched: Collection[int]) -> bool:
+    """Whether a body's joint relates its columns and its parent's, which are sums over all that share parameters.
+
+    A relation holds for the sums if each of these bodies hangs on another one of those that share the parent's
+    parameters, all of them by the same joint.
+    """
+    bodies, sharing = mechanism.bodies, mechanism.sharing
+    parents = [bodies[k].parent for k in sharing[index]]
+    if GROUND in parents or any(k in watched for k in sharing[index]):
+        return False
+    if sorted(parents) != list(sharing[parents[0]]):
+        return False
+    joints = {
+        (joint_frame(mechanism, k), pair_signature(mechanism, k))
+        for k in sharing[index]
+    }
+    return len(joints) == 1
 
 
 def _shown_by_blocks(
