@@ -40,6 +40,8 @@ from echelon.algebra import (
     with_free_functions,
 )
 from echelon.dynamics.blocks import BlockRows, MovingBlock, blocks_of
+from echelon.dynamics.contact_motion import ContactMotion
+from echelon.dynamics.frame_motion import Accelerations, Twist, accelerated, moved
 from echelon.dynamics.loop_rows import dependent_motion, recorded_loops
 from echelon.robot import (
     GROUND,
@@ -218,7 +220,8 @@ class Rows:
 
 def rows_of(mechanism: Mechanism) -> Rows:
     """The cheapest rows for what is measured: energies while every force is, and only bodies have parameters."""
-    if mechanism.measures_every_force and not mechanism.effects:
+    plain = not mechanism.effects and not mechanism.contacts
+    if mechanism.measures_every_force and plain:
         return Rows(energy_form(mechanism), 1)
     return Rows(virtual_power_form(mechanism), 0)
 
@@ -387,9 +390,6 @@ def _energy_of_body(rates: _Rates) -> list[Scalar]:
 
 # -- virtual power -----------------------------------------------------------------------------------------------------
 
-Twist = tuple[Vec, Vec]
-"""Angular velocity and linear velocity of the frame's origin, in the frame's axes."""
-
 Wrench = tuple[Vec, Vec]
 """Moment about the frame's origin and force, in the frame's axes."""
 
@@ -429,15 +429,21 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     Inputs are ``u[...]`` for every output beside those of :func:`inverse_dynamics_regressor`; with loops, also
     ``v[...]`` for the freedoms that the outputs do not determine, or for all if every force is measured.
     """
-    recorded = _RecordedPowers(mechanism)
-    program, recorder, probes = recorded.program, recorded.recorder, recorded.probes
-    motion = measured_motion(mechanism, probes)
+    program = Program()
+    contacts = ContactMotion(mechanism, program) if mechanism.contacts else None
+    recorded = _RecordedPowers(mechanism, program, contacts and contacts.given)
+    recorder, probes = recorded.recorder, recorded.probes
+    speeds = contacts.speeds if contacts is not None else None
+    motion = measured_motion(mechanism, probes, speeds)
     entries = _row(recorded.powers(motion))
     loops = recorded_loops(recorder, probes, motion.chosen or None)
     many = len(mechanism.parameters) > FEW_COLUMNS
     blocks = (
         _block_powers(recorded)
-        if many and mechanism.measures_every_force and loops is None
+        if many
+        and mechanism.measures_every_force
+        and loops is None
+        and contacts is None
         else None
     )
     return LinearForms(
@@ -535,7 +541,7 @@ class _RecordedPowers:
         """Virtual twists of some bodies, where those that they hang on and that are not among them are at rest."""
         rest, probes = (self.recorder.zeros, self.recorder.zeros), self.probes
         twists: dict[int, Twist] = {
-            GROUND: reduce(partial(_moved, motion), probes.steps(GROUND, False), rest)
+            GROUND: reduce(partial(moved, motion), probes.steps(GROUND, False), rest)
         }
         for index in bodies:
             steps = (
@@ -545,7 +551,7 @@ class _RecordedPowers:
             )
             parent = self.mechanism.bodies[index].parent
             twists[index] = reduce(
-                partial(_moved, motion), steps, twists.get(parent, rest)
+                partial(moved, motion), steps, twists.get(parent, rest)
             )
         return twists
 
@@ -571,23 +577,6 @@ class _RecordedPowers:
         return total
 
 
-# -- virtual twists ----------------------------------------------------------------------------------------------------
-
-
-def _moved(motion: VirtualMotion, twist: Twist, step: RecordedStep) -> Twist:
-    angular, linear = twist
-    if step.shift is not None:
-        linear = add(linear, cross(angular, step.shift))
-    angular, linear = into_frame(step, angular), into_frame(step, linear)
-    for freedom in step.freedoms:
-        if freedom.name in motion.freedoms:
-            angular = add(
-                angular, scale(freedom.angular, motion.freedoms[freedom.name])
-            )
-            linear = add(linear, scale(freedom.linear, motion.freedoms[freedom.name]))
-    return angular, linear
-
-
 def _power(twist: Twist, wrench: Wrench) -> Scalar:
     return dot(twist[0], wrench[0]) + dot(twist[1], wrench[1])
 
@@ -595,61 +584,20 @@ def _power(twist: Twist, wrench: Wrench) -> Scalar:
 # -- accelerations and wrenches ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Accelerations:
-    """Angular velocity, angular acceleration, and linear acceleration of the origin minus gravity."""
-
-    angular: Vec
-    angular_rate: Vec
-    linear: Vec
-
-
 def _all_accelerations(
     recorder: Recorder, steps: Mapping[int, Sequence[RecordedStep]]
-) -> dict[int, _Accelerations]:
+) -> dict[int, Accelerations]:
     """Accelerations of every body, by index; the ground has those that gravity stands for."""
     gx, gy, gz = recorder.gravity()
-    ground = _Accelerations(recorder.zeros, recorder.zeros, (-gx, -gy, -gz))
+    ground = Accelerations(recorder.zeros, recorder.zeros, (-gx, -gy, -gz))
     return forward(
         recorder.mechanism,
         ground,
-        lambda now, index: reduce(_accelerated, steps[index], now),
+        lambda now, index: reduce(accelerated, steps[index], now),
     )
 
 
-def _accelerated(now: _Accelerations, step: RecordedStep) -> _Accelerations:
-    linear = now.linear
-    if step.shift is not None:
-        swing = add(
-            cross(now.angular_rate, step.shift),
-            cross(now.angular, cross(now.angular, step.shift)),
-        )
-        linear = add(linear, swing)
-    before = into_frame(step, now.angular)
-    angular, angular_rate, linear = (
-        before,
-        into_frame(step, now.angular_rate),
-        into_frame(step, linear),
-    )
-    for freedom in step.freedoms:
-        turning, sliding = (
-            scale(freedom.angular, freedom.rate),
-            scale(freedom.linear, freedom.rate),
-        )
-        angular = add(angular, turning)
-        angular_rate = add(
-            angular_rate,
-            add(cross(before, turning), scale(freedom.angular, freedom.acceleration)),
-        )
-        coriolis = cross(before, sliding)
-        linear = add(
-            linear,
-            add(add(coriolis, coriolis), scale(freedom.linear, freedom.acceleration)),
-        )
-    return _Accelerations(angular, angular_rate, linear)
-
-
-def _unit_wrenches(at: _Accelerations, program: Program) -> list[Wrench]:
+def _unit_wrenches(at: Accelerations, program: Program) -> list[Wrench]:
     """Wrench about the body's origin needed by a unit of each of XX … M."""
     zero, one = program.zero, program.one
     zeros: Vec = (zero, zero, zero)

@@ -10,6 +10,8 @@ from echelon.robot.closed_pose import shown_loops as shown_loops
 from echelon.robot.closed_pose import split_balls as split_balls
 from echelon.robot.closure import Closure as Closure
 from echelon.robot.closure import ClosureKind as ClosureKind
+from echelon.robot.contact import Contact as Contact
+from echelon.robot.contact import ContactKind as ContactKind
 from echelon.robot.coupling import Coupling as Coupling
 from echelon.robot.coupling import Spline as Spline
 from echelon.robot.coupling import linear as linear
@@ -20,6 +22,9 @@ from echelon.robot.effect import Action as Action
 from echelon.robot.effect import Effect as Effect
 from echelon.robot.effect import Side as Side
 from echelon.robot.effect import ready_made as ready_made
+from echelon.robot.experiment import Experiment as Experiment
+from echelon.robot.experiment import experiment_of as experiment_of
+from echelon.robot.experiment import joined as joined
 from echelon.robot.impossible import stated_impossibilities as stated_impossibilities
 from echelon.robot.impossible import warn_of_impossible as warn_of_impossible
 from echelon.robot.inertia import SIZE as SIZE

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from echelon.robot.closure import Closure
+from echelon.robot.contact import Contact, ContactKind
 from echelon.robot.coupling import Coupling
 from echelon.robot.effect import Action, Effect
 from echelon.robot.joint import (
@@ -279,6 +280,7 @@ def _stacked(experiments: Sequence[Experiment]) -> Mechanism:
         else (),
         assembly={n: at for tree in trees for n, at in tree.assembly().items()},
         rounding=max(m.rounding for m in mechanisms),
+        contacts=tuple(c for tree in trees for c in tree.contacts()),
         experiments=tuple(e.name for e in experiments),
     )
 
@@ -319,6 +321,7 @@ def experiment_of(mechanism: Mechanism, name: str) -> Mechanism:
         tuple(tree.independent()) if mechanism.independent else (),
         tree.assembly(),
         mechanism.rounding,
+        tuple(tree.contacts()),
     )
 
 
@@ -408,6 +411,13 @@ class _Tree:
             if name is not None:
                 first, second = closure.first + self.shift, closure.second + self.shift
                 yield replace(closure, name=name, first=first, second=second)
+
+    def contacts(self) -> Iterator[Contact]:
+        """Contacts that have a name."""
+        for contact in self.mechanism.contacts:
+            name = self.renamed(contact.name)
+            if name is not None:
+                yield replace(contact, name=name, body=contact.body + self.shift)
 
     def independent(self) -> Iterator[str]:
         """Independent velocity coordinates that have a name."""

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from echelon.algebra import PER_PI, PI, Polynomial, RationalFunction, inverse_matrix
 from echelon.robot.closure import Closure
+from echelon.robot.contact import Contact
 from echelon.robot.coupling import Coupling
 from echelon.robot.effect import Effect, Side
 from echelon.robot.impossible import warn_of_impossible
@@ -209,6 +210,8 @@ class Mechanism:
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
     rounding : float
         Unit of the last decimal of the numbers of its geometry, rad or a share of its size; 0 if they are exact.
+    contacts : tuple of Contact
+        Places where bodies touch something, and unknown forces act.
     experiments : tuple of str
         Where it stands for several experiments (:func:`echelon.joined`), their names, which are those of the bodies
         that their trees hang on.
@@ -233,6 +236,7 @@ class Mechanism:
     independent: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     rounding: float = 0.0
+    contacts: tuple[Contact, ...] = ()
     experiments: tuple[str, ...] = ()
     reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 
@@ -240,6 +244,7 @@ class Mechanism:
         _check_tree(self)
         _check_couplings(self)
         _check_closures(self)
+        _check_contacts(self)
         _check_effects(self)
         _check_outputs(self)
         _check_names(self)
@@ -496,6 +501,7 @@ class Reading:
 def setup_placements(mechanism: Mechanism) -> list[Placement]:
     """Placements beside those of the joints: of sensors and closures."""
     frames = [frame for closure in mechanism.closures for frame in closure.placements]
+    frames += [contact.frame for contact in mechanism.contacts]
     return [*(cut.frame for cut in mechanism.cuts), *frames]
 
 
@@ -607,6 +613,25 @@ def _check_closures(mechanism: Mechanism) -> None:
             )
 
 
+def _check_contacts(mechanism: Mechanism) -> None:
+    if mechanism.contacts and mechanism.closures:
+        raise InputError(
+            "a robot with loops cannot have contacts with unknown forces: state them as loops to the ground",
+            element=f"contact '{mechanism.contacts[0].name}'",
+        )
+    for contact in mechanism.contacts:
+        where = f"contact '{contact.name}'"
+        if not 0 <= contact.body < len(mechanism.bodies):
+            raise InputError("it is at a body that does not exist", element=where)
+        for component in contact.measured:
+            valid = contact.kind.components
+            if component not in valid:
+                raise InputError(
+                    f"'{component}' is no component of its force (valid: {', '.join(valid)})",
+                    element=where,
+                )
+
+
 def _check_effects(mechanism: Mechanism) -> None:
     taken = {
         parameter.name for parameter in mechanism.columns if parameter.body is not None
@@ -698,4 +723,5 @@ def _titles(mechanism: Mechanism) -> dict[str, list[str]]:
         "actuator": [actuator.name for actuator in mechanism.actuators],
         "output": [output.name for output in mechanism.measured or ()],
         "loop": [closure.name for closure in mechanism.closures],
+        "contact": [contact.name for contact in mechanism.contacts],
     }

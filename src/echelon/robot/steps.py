@@ -408,16 +408,25 @@ def virtual_motion(
     return VirtualMotion(_coupled(probes.recorder, freedoms), drives, chosen)
 
 
-def measured_motion(mechanism: Mechanism, probes: Probes) -> VirtualMotion:
+def measured_motion(
+    mechanism: Mechanism,
+    probes: Probes,
+    dependent: Mapping[str, Scalar] | None = None,
+) -> VirtualMotion:
     """Any virtual motion that the outputs see: its speeds are inputs ``u[...]`` of the outputs.
 
+    Those of outputs that depend on others, by which unknown forces at contacts do no work, are given.
     With loops, where the outputs are all forces, it is :func:`any_motion`, which needs nothing to be solved.
     """
     if mechanism.closures and mechanism.measures_every_force:
         return any_motion(mechanism, probes.recorder)
     program = probes.recorder.program
+    known = dependent or {}
     speeds = {
-        output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs
+        output.name: known[output.name]
+        if output.name in known
+        else program.input(f"u[{output.name}]")
+        for output in mechanism.outputs
     }
     return virtual_motion(mechanism, probes, speeds)
 

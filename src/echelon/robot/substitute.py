@@ -30,6 +30,7 @@ _WITH_EXPRESSIONS = (
     "gravity",
     "couplings",
     "closures",
+    "contacts",
     "actuators",
     "measured",
 )
