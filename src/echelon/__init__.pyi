@@ -24,6 +24,7 @@ from echelon.base.saved.saved import load_linear_base as load_linear_base
 from echelon.base.saved.saved import save_base as save_base
 from echelon.base.saved.saved import verify as verify
 from echelon.base.sensors import SensorReport as SensorReport
+from echelon.base.sensors import plan as plan
 from echelon.base.sensors import sensor_report as sensor_report
 from echelon.base.special import SpecialGeometry as SpecialGeometry
 from echelon.base.special import special_geometry as special_geometry
@@ -61,6 +62,8 @@ from echelon.identification.setup.setup import Setup as Setup
 from echelon.identification.setup.setup import load_setup as load_setup
 from echelon.report.preview import preview_html as preview_html
 from echelon.report.report import report_html as report_html
+from echelon.robot.experiment import Experiment as Experiment
+from echelon.robot.experiment import joined as joined
 from echelon.robot.inertia import convert as convert
 from echelon.robot.inertia import convert_columns as convert_columns
 from echelon.robot.mechanism import Mechanism as Mechanism

@@ -57,11 +57,13 @@ from echelon.dynamics import (
     virtual_power_form,
 )
 from echelon.robot import (
+    Experiment,
     Mechanism,
     Readable,
     all_symbols,
     has_values,
     inexact_symbols,
+    joined,
     known_values,
     loaded,
     mechanism_of,
@@ -88,7 +90,7 @@ def silent(_: str) -> None:
 
 @overload
 def base_parameters(
-    mechanism: Mechanism,
+    mechanism: Mechanism | Experiment | Sequence[Experiment],
     *,
     order: str = ...,
     prefer: str | Sequence[str] = ...,
@@ -127,7 +129,7 @@ def base_parameters(
 
 @public
 def base_parameters(
-    mechanism: Mechanism | LinearModel | Readable,
+    mechanism: Mechanism | LinearModel | Readable | Experiment | Sequence[Experiment],
     *,
     order: str = "base-to-tip",
     prefer: str | Sequence[str] = (),
@@ -144,8 +146,8 @@ def base_parameters(
 
     Parameters
     ----------
-    mechanism : Mechanism, LinearModel or path-like
-        A robot, a linear model, or the file of one.
+    mechanism : Mechanism, LinearModel, path-like, Experiment or sequence of Experiment
+        A robot, a linear model, or the file of one; or experiments, whose rows are stacked.
     order : str
         ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``; for mechanisms.
     prefer : str or sequence of str
@@ -180,6 +182,8 @@ def base_parameters(
     >>> base.rank, len(base.parameters)
     (43, 70)
     """
+    if isinstance(mechanism, Experiment | list | tuple):
+        mechanism = joined([mechanism] if isinstance(mechanism, Experiment) else mechanism)
     model = model_of(mechanism)
     if isinstance(model, LinearModel):
         if order != "base-to-tip":

@@ -146,7 +146,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     notes = [
         f"bodies {mechanism.carrier_name(k)} share the parameters of label '{mechanism.bodies[k].label}'"
         for k in mechanism.carriers
-        if len(mechanism.sharing[k]) > 1
+        if len(mechanism.sharing[k]) > 1 and not mechanism.experiments
     ]
     if locked := joints_locked_by_loops(mechanism):
         notes.append(

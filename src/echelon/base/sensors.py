@@ -33,10 +33,13 @@ from echelon.dynamics import LinearForms, virtual_power_form
 from echelon.robot import (
     GROUND,
     Cut,
+    Experiment,
     Mechanism,
     Output,
     Placement,
     Readable,
+    experiment_of,
+    joined,
     mechanism_of,
 )
 from echelon.shared import (
@@ -64,11 +67,13 @@ class SensorReport:
     Attributes
     ----------
     sensors : tuple of str
-        A force/torque sensor counts as one, with all its components.
+        A force/torque sensor counts as one, with all its components; experiments, where the mechanism is of several.
     parameters : int
         Number of standard parameters.
     rank : int
         Number of base parameters that all sensors together see.
+    added : tuple of (str, int)
+        The sensors in their order, each with the rank that it reaches together with those before it.
     ranks : mapping of tuple of str to int
         Rank of every subset up to the requested size.
     greedy : tuple of (str, int)
@@ -76,18 +81,64 @@ class SensorReport:
     smallest : tuple of str
         A smallest subset that sees as much as all.
     proven_smallest : bool
-        Whether all smaller subsets were tried; otherwise ``smallest`` is the greedy choice.
+        Whether no smaller subset suffices; otherwise ``smallest`` is the greedy choice.
+    at_least : int
+        No subset of fewer sensors suffices: all were tried, or see too little even if they all saw different things.
     seed : int
     """
 
     sensors: tuple[str, ...]
     parameters: int
     rank: int
+    added: tuple[tuple[str, int], ...]
     ranks: Mapping[tuple[str, ...], int]
     greedy: tuple[tuple[str, int], ...]
     smallest: tuple[str, ...]
     proven_smallest: bool
+    at_least: int
     seed: int
+
+
+@public
+def plan(
+    candidates: Sequence[Experiment],
+    size: Count = 1,
+    *,
+    seed: int = DEFAULT_SEED,
+    budget: NotNegative = 1.0,
+    progress: Progress = silent,
+) -> SensorReport:
+    """The smallest choice of experiments that sees what all of them see together.
+
+    Parameters
+    ----------
+    candidates : sequence of Experiment
+    size, seed, budget, progress
+        As for :func:`sensor_report`.
+
+    Returns
+    -------
+    SensorReport
+        With experiments in the place of sensors.  The greedy choice is at most 1 + ln(rank) times as large as a smallest
+        one (Wolsey, Combinatorica 2, 1982), and ``at_least`` bounds that from below.
+
+    Raises
+    ------
+    InputError
+        If an experiment is not possible, or the budget does not suffice for the subsets that are to be listed.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> robot = ec.load("examples/panda.yaml")
+    >>> table, wall = ec.Experiment(robot, "table"), ec.Experiment(robot, "wall", gravity=(9.81, 0, 0))
+    >>> held = ec.Experiment(robot, "held", locked={"j1": 0})
+    >>> ec.plan([held, table, wall]).smallest
+    ('table', 'wall')
+    """
+    return sensor_report(
+        joined(candidates), size, seed=seed, budget=budget, progress=progress
+    )
 
 
 @public
@@ -137,30 +188,37 @@ def sensor_report(
     (48, 48, ('base',))
     """
     mechanism = at_stated_values(mechanism_of(mechanism))
-    groups = _candidates(mechanism)
-    spaces = _spaces(mechanism, groups, random_generator(seed), progress)
-    names = tuple(groups)
+    forms = _candidates(mechanism)
+    spaces = _spaces(mechanism, forms, random_generator(seed), progress)
+    names = tuple(forms)
     total = spaces.rank(names)
+    added = [
+        (name, spaces.rank(names[: k + 1])) for k, name in enumerate(names)
+    ]
     progress("adding the most informative sensors")
     greedy = _greedy(names, spaces, total)
     spaces.work = Work.of(budget)
     ranks = _listed(names, spaces, size, progress)
     progress("looking for the smallest sufficient set")
-    smallest, proven = _smallest(names, spaces, total, [name for name, _ in greedy])
+    smallest, at_least = _smallest(names, spaces, total, [name for name, _ in greedy])
     return SensorReport(
         names,
         len(mechanism.parameters),
         total,
+        tuple(added),
         ranks,
         tuple(greedy),
         smallest,
-        proven,
+        len(smallest) == at_least,
+        at_least,
         seed,
     )
 
 
-def _candidates(mechanism: Mechanism) -> dict[str, tuple[Output, ...]]:
-    """Outputs by sensor."""
+def _candidates(mechanism: Mechanism) -> dict[str, LinearForms]:
+    """Rows of every sensor, or of every experiment; columns are those of the mechanism."""
+    if mechanism.experiments:
+        return {name: _rows_of(mechanism, name) for name in mechanism.experiments}
     outputs = list(mechanism.outputs)
     if mechanism.measured is None:
         outputs += [
@@ -171,7 +229,18 @@ def _candidates(mechanism: Mechanism) -> dict[str, tuple[Output, ...]]:
     groups: dict[str, list[Output]] = {}
     for output in outputs:
         groups.setdefault(output.sensor, []).append(output)
-    return {name: tuple(group) for name, group in groups.items()}
+    return {
+        name: virtual_power_form(replace(mechanism, measured=tuple(group)))
+        for name, group in groups.items()
+    }
+
+
+def _rows_of(mechanism: Mechanism, name: str) -> LinearForms:
+    """Rows of one experiment."""
+    own = experiment_of(mechanism, name)
+    place = {parameter: k for k, parameter in enumerate(own.parameters)}
+    columns = [place[parameter] for parameter in mechanism.parameters]
+    return virtual_power_form(own).columns(columns)
 
 
 _Base = tuple[Callable[[npt.NDArray[Any]], int], Mapping[str, npt.NDArray[Any]]]
@@ -208,18 +277,13 @@ class _Spaces:
 
 def _spaces(
     mechanism: Mechanism,
-    groups: Mapping[str, tuple[Output, ...]],
+    forms: Mapping[str, LinearForms],
     rng: np.random.Generator,
     progress: Progress,
 ) -> _Spaces:
     progress("structure")
     numbers = {
-        name: f"sensor {number} of {len(groups)}"
-        for number, name in enumerate(groups, 1)
-    }
-    forms = {
-        name: virtual_power_form(replace(mechanism, measured=group))
-        for name, group in groups.items()
+        name: f"{number} of {len(forms)}" for number, name in enumerate(forms, 1)
     }
     if not all(form.rational for form in forms.values()):
         _warn_of_rounding(mechanism, rng)
@@ -267,7 +331,7 @@ def _row_spaces(
     spaces: dict[str, Residues] = {}
     for number, (name, sampler) in enumerate(samplers.items(), 1):
         progress(
-            f"what {name} sees (sensor {number} of {len(samplers)}, modulo {field.p})"
+            f"what {name} sees ({number} of {len(samplers)}, modulo {field.p})"
         )
         own = {s: geometry[s] for s in sampler.symbols}
         spaces[name] = persistent(
@@ -309,16 +373,20 @@ def _greedy(names: Sequence[str], spaces: _Spaces, total: int) -> list[tuple[str
 
 def _smallest(
     names: Sequence[str], spaces: _Spaces, total: int, greedy: Sequence[str]
-) -> tuple[tuple[str, ...], bool]:
-    """A smallest subset with the full rank, and whether the search was complete."""
+) -> tuple[tuple[str, ...], int]:
+    """A smallest subset with the full rank as far as is known, and a size below which there is none."""
+    alone = sorted((spaces.rank([name]) for name in names), reverse=True)
+    sums = [sum(alone[:size]) for size in range(len(names) + 1)]
+    least = next(size for size, most in enumerate(sums) if most >= total)
     try:
-        for size in range(len(greedy)):
+        for size in range(least, len(greedy)):
             for subset in _promising(names, spaces, total, size):
                 if spaces.rank(subset) == total:
-                    return subset, True
+                    return subset, size
+            least = size + 1
     except ClosedFormError:
-        return tuple(greedy), False
-    return tuple(greedy), True
+        pass
+    return tuple(greedy), least
 
 
 def _promising(

@@ -198,6 +198,8 @@ class _Solved:
             for i in range(height)
         ]
         left = [[*row, *extra] for row, extra in zip(rows, unit, strict=True)]
+        if not rows:
+            return cls(program, {}, rows, width)
         residues, prime = _residues(program, rows)
         numbers = [
             [*map(int, values), *(int(i == j) for j in range(height))]

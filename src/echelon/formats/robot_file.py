@@ -22,7 +22,14 @@ from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.unit_questions import unit_questions
 from echelon.formats.usual_effects import with_usual_effects
 from echelon.formats.vocabulary import without
-from echelon.robot import Mechanism, Reading, in_numbers, lock_joints
+from echelon.robot import (
+    Experiment,
+    Mechanism,
+    Reading,
+    in_numbers,
+    joined,
+    lock_joints,
+)
 from echelon.shared import (
     DoubtWarning,
     InputError,
@@ -199,6 +206,7 @@ class RobotFile:
             mechanism = with_usual_effects(
                 mechanism, {} if tree is None else tree.drives
             )
+        mechanism = self._experiments(mechanism)
         couples = tree is not None and tree.has_mimics
         in_world = self.robot is not None and self.robot.root.tag != "robot"
         questions = tuple(
@@ -210,6 +218,18 @@ class RobotFile:
         return mechanism.as_read(
             Reading(built.snaps, notes, self, options, couples, built.driven)
         )
+
+    def _experiments(self, mechanism: Mechanism) -> Mechanism:
+        """The experiments that a description makes with a robot, as one mechanism."""
+        stated = self.description.experiments if self.is_description else ()
+        if not stated:
+            return mechanism
+        bases = tuple(entry for entry in stated if isinstance(entry, str))
+        if bases:
+            return replace(mechanism, experiments=bases)
+        entries = [entry.model_dump() for entry in stated if not isinstance(entry, str)]
+        with locating(self.source):
+            return joined([Experiment(mechanism, **entry) for entry in entries])
 
     def _asked(self) -> list[str]:
         """A note on what is ignored on request."""

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from echelon.robot.closure import Closure
-from echelon.robot.contact import Contact, ContactKind
+from echelon.robot.contact import Contact
 from echelon.robot.coupling import Coupling
 from echelon.robot.effect import Action, Effect
 from echelon.robot.joint import (
@@ -68,6 +68,8 @@ class Experiment:
         Gravity in the base frame, as the robot's own but turned: its direction counts, of any length.
     payloads : mapping of str to str
         Loads with unknown inertias: a name, and the body that carries it.  One name is one load, in all experiments.
+    contacts : sequence of str, optional
+        Contacts of the robot that touch, by name; all of them if omitted.
     open_loops : bool
         Whether the robot's loops are open in this experiment.
 
@@ -91,6 +93,7 @@ class Experiment:
     sensors: Sequence[str] | None = None
     gravity: Sequence[float] | None = None
     payloads: Mapping[str, str] = field(default_factory=dict)
+    contacts: Sequence[str] | None = None
     open_loops: bool = False
 
     @cached_property
@@ -101,6 +104,10 @@ class Experiment:
             raise InputError("it consists of experiments itself", element=self._where)
         if self.open_loops:
             robot = replace(robot, closures=(), independent=(), assembly={})
+        if self.contacts is not None:
+            robot = replace(
+                robot, contacts=_touching(robot, self.contacts, self._where)
+            )
         if self.sensors is not None:
             robot = replace(robot, measured=_chosen(robot, self.sensors, self._where))
         for load, body in self.payloads.items():
@@ -146,6 +153,20 @@ def _chosen(robot: Mechanism, names: Sequence[str], where: str) -> tuple[Output,
             element=where,
         )
     return tuple(found.values())
+
+
+def _touching(
+    robot: Mechanism, names: Sequence[str], where: str
+) -> tuple[Contact, ...]:
+    """Contacts by their names."""
+    known = {contact.name: contact for contact in robot.contacts}
+    strange = next((name for name in names if name not in known), None)
+    if strange is not None:
+        raise InputError(
+            f"there is no contact '{strange}'{nearest_of(strange, list(known))}",
+            element=where,
+        )
+    return tuple(known[name] for name in dict.fromkeys(names))
 
 
 def _loaded(robot: Mechanism, name: str, carrier: str, where: str) -> Mechanism:
@@ -200,7 +221,7 @@ def joined(experiments: Sequence[Experiment]) -> Mechanism:
     Returns
     -------
     Mechanism
-        Coordinates, outputs and bodies are named ``experiment.name``.
+        Coordinates, outputs and bodies are named ``experiment.name``; of a single experiment they keep their names.
 
     Raises
     ------
@@ -250,16 +271,15 @@ class _Files:
 
 def _stacked(experiments: Sequence[Experiment]) -> Mechanism:
     """The mechanism of experiments with names."""
+    alone = len(experiments) == 1
+    if alone and experiments[0].mounting.is_identity:
+        return experiments[0].mechanism
     bodies, trees = list[Body](), list[_Tree]()
     for e in experiments:
-        base = Body(
-            e.name,
-            f"{e.name}_base",
-            GROUND,
-            Joint(f"{e.name}.base", "fixed", (e.mounting,)),
-            carried=(),
-        )
-        tree = _Tree(e.mechanism, len(bodies) + 1, partial(_prefixed, e.name))
+        mounted = Joint(f"{e.name}.base", "fixed", (e.mounting,))
+        base = Body(e.name, f"{e.name}_base", GROUND, mounted, carried=())
+        renamed = str if alone else partial(_prefixed, e.name)
+        tree = _Tree(e.mechanism, len(bodies) + 1, renamed)
         bodies += [base, *tree.bodies(range(len(e.mechanism.bodies)), len(bodies))]
         trees.append(tree)
     mechanisms = [e.mechanism for e in experiments]
@@ -281,12 +301,14 @@ def _stacked(experiments: Sequence[Experiment]) -> Mechanism:
         assembly={n: at for tree in trees for n, at in tree.assembly().items()},
         rounding=max(m.rounding for m in mechanisms),
         contacts=tuple(c for tree in trees for c in tree.contacts()),
-        experiments=tuple(e.name for e in experiments),
+        experiments=() if alone else tuple(e.name for e in experiments),
     )
 
 
 def experiment_of(mechanism: Mechanism, name: str) -> Mechanism:
-    """The mechanism of one of several experiments, with the names that its own robot has.
+    """The mechanism of one of several experiments, with the names that its own robot has and with all parameters.
+
+    Bodies that only other experiments have are on the ground, where no output sees them, and effects act nowhere.
 
     Parameters
     ----------
@@ -308,9 +330,15 @@ def experiment_of(mechanism: Mechanism, name: str) -> Mechanism:
     ends = dict(pairwise([*bases, len(mechanism.bodies)]))
     first = next(k for k in bases if mechanism.bodies[k].name == name)
     tree = _Tree(mechanism, -first, partial(_without_prefix, name))
+    bodies = list(tree.bodies(range(first, ends[first]), GROUND))
+    labels = {body.label for body in bodies}
+    absent = [mechanism.bodies[k] for k in mechanism.carriers]
+    for body in (body for body in absent if body.label not in labels):
+        at_rest = Joint(body.joint.name, "fixed", ())
+        bodies.append(replace(body, parent=GROUND, joint=at_rest))
     return Mechanism(
         name,
-        tuple(tree.bodies(range(first, ends[first]), GROUND)),
+        tuple(bodies),
         mechanism.gravity,
         tuple(tree.couplings()),
         mechanism.symbols,
@@ -377,15 +405,14 @@ class _Tree:
                 yield Actuator(name, self._terms(actuator.terms))
 
     def effects(self) -> Iterator[Effect]:
-        """Effects that act somewhere."""
+        """All effects, with what they do at places that have a name."""
         for effect in self.mechanism.effects:
             actions = [
                 Action(name, action.side, self._term(action.term))
                 for action in effect.actions
                 if (name := self.renamed(action.at)) is not None
             ]
-            if actions:
-                yield replace(effect, actions=tuple(actions))
+            yield replace(effect, actions=tuple(actions))
 
     def outputs(self) -> Iterator[Output]:
         """Outputs that have a name."""

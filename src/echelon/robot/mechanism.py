@@ -247,6 +247,7 @@ class Mechanism:
         _check_contacts(self)
         _check_effects(self)
         _check_outputs(self)
+        _check_experiments(self)
         _check_names(self)
 
     def as_read(self, reading: Reading) -> Mechanism:
@@ -336,8 +337,12 @@ class Mechanism:
         )
 
     def carrier_name(self, body: int) -> str:
-        """Names of a body and of those that share its parameters."""
-        return ", ".join(self.bodies[k].name for k in self.sharing[body])
+        """Names of a body and of those that share its parameters; in experiments, those that their robots have."""
+        names = [self.bodies[k].name for k in self.sharing[body]]
+        prefixes = tuple(f"{name}." for name in self.experiments)
+        if prefixes:
+            names = [n.partition(".")[2] if n.startswith(prefixes) else n for n in names]
+        return ", ".join(dict.fromkeys(names))
 
     def ends(self, closure: str) -> str:
         """Names of the bodies that a closure of some name connects."""
@@ -687,6 +692,33 @@ def _check_outputs(mechanism: Mechanism) -> None:
             if force.at not in valid:
                 problem = f"'{force.at}' is not measurable here (valid: {', '.join(valid) or 'none'})"
                 raise InputError(problem, element=where)
+
+
+def _check_experiments(mechanism: Mechanism) -> None:
+    """Trees of experiments hang on bodies without mass of their names, and follow one another."""
+    current = ""
+    for body in mechanism.bodies if mechanism.experiments else ():
+        starts = body.name in mechanism.experiments
+        if starts and (body.parent != GROUND or body.carried or not body.joint.is_fixed):
+            raise InputError(
+                "the base of an experiment is fixed to the ground and has no mass",
+                element=f"body '{body.name}'",
+            )
+        current = body.name if starts else current
+        if not starts and not body.name.startswith(f"{current}."):
+            raise InputError(
+                "it belongs to no experiment: names of bodies begin with that of theirs",
+                element=f"body '{body.name}'",
+            )
+        if not starts and body.parent == GROUND:
+            raise InputError(
+                f"it does not hang on the base of experiment '{current}'",
+                element=f"body '{body.name}'",
+            )
+    names = {body.name for body in mechanism.bodies}
+    strange = [name for name in mechanism.experiments if name not in names]
+    if strange:
+        raise InputError(f"experiment '{strange[0]}' has no base", element="experiments")
 
 
 def _check_names(mechanism: Mechanism) -> None:

@@ -40,6 +40,8 @@ from echelon.robot import (
     Body,
     Closure,
     ClosureKind,
+    Contact,
+    ContactKind,
     Coupling,
     Cut,
     Effect,
@@ -67,6 +69,7 @@ ADDITIONS = (
     "rotors",
     "effects",
     "outputs",
+    "contacts",
 )
 """Keys of a description that add to its bodies and joints."""
 
@@ -95,7 +98,11 @@ class Additions:
     def added(self) -> Mechanism:
         """The mechanism with all of them."""
         self.mechanism = self._closed()
-        self.mechanism = replace(self.mechanism, actuators=tuple(self._actuators()))
+        self.mechanism = replace(
+            self.mechanism,
+            actuators=tuple(self._actuators()),
+            contacts=tuple(self._contacts()),
+        )
         for index, rotor in enumerate(self.robot.rotors):
             self._add_rotor(rotor, f"rotors[{index}]")
         self.mechanism = replace(self.mechanism, effects=tuple(self._effects()))
@@ -292,6 +299,27 @@ class Additions:
     def weight(self, text: str, path: str) -> Polynomial:
         """A number or an expression in symbols."""
         return self.expressions.polynomial(text, path)
+
+    def _contacts(self) -> Iterator[Contact]:
+        for index, entry in enumerate(self.robot.contacts):
+            path = f"contacts[{index}]"
+            body, rides = self.find(entry.body, f"{path}.body")
+            if body == GROUND:
+                raise self.expressions.error(
+                    f"{path}.body", f"'{entry.body}' is fixed to the ground"
+                )
+            kind, name = ContactKind(entry.type), entry.name or entry.body
+            rolls, stated = kind is ContactKind.ROLLING, "radius" in entry.model_fields_set
+            if rolls != stated:
+                raise self.expressions.error(
+                    f"{path}.radius",
+                    "what rolls needs a radius" if rolls else "only what rolls has one",
+                )
+            frame = rides @ self.expressions.frame(
+                entry.at, f"{path}.at", symbol_stem(name)
+            )
+            radius = self.expressions.length(entry.radius, f"{path}.radius")
+            yield Contact(name, kind, body, frame, radius, entry.measured)
 
     # -- loops -----------------------------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Tag
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
+from echelon.formats.schema.schema_experiments import ContactEntry, Experiments
 from echelon.formats.schema.schema_log import (
     IdentificationEntry,
     LogEntry,
@@ -321,6 +322,17 @@ class RobotDescription(Model):
         None,
         "What is measured; default: the forces of all actuators.",
         [{"joint": "all"}, {"wrench": "base"}],
+    )
+    contacts: Annotated[tuple[ContactEntry, ...], AS_LIST] = optional(
+        (),
+        "Places where bodies touch something and unknown forces act, such as feet.",
+        [{"body": "FL_foot"}, {"body": "FR_foot"}],
+    )
+    experiments: Annotated[Experiments, AS_LIST] = optional(
+        (),
+        "Set-ups in which the robot is measured, whose base parameters are those of all together.  Names alone are "
+        "those of bodies that trees of such experiments hang on, as Echelon writes them.",
+        [{"name": "table"}, {"name": "wall", "gravity": [9.81, 0, 0]}],
     )
     log: Annotated[
         Annotated[LogEntry, Tag("mapping")]

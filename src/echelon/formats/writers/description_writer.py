@@ -18,6 +18,8 @@ from echelon.robot import (
     ORIGIN,
     Body,
     Closure,
+    Contact,
+    ContactKind,
     Cut,
     Effect,
     Joint,
@@ -116,6 +118,19 @@ def _effect(effect: Effect) -> dict[str, Any]:
     return _stated(parameter=effect.parameter, unit=effect.unit, acts=acts, value=value)
 
 
+def _contact(contact: Contact, mechanism: Mechanism) -> dict[str, Any]:
+    return _stated(
+        name=contact.name,
+        type=contact.kind.value,
+        body=mechanism.bodies[contact.body].name,
+        at=frame_data(contact.frame),
+        radius=expression_text(contact.radius)
+        if contact.kind is ContactKind.ROLLING
+        else None,
+        measured=list(contact.measured) or None,
+    )
+
+
 def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
     weights = [weight for _, weight in (*output.forces, *output.cuts)]
     if weights == [1] and output.forces:
@@ -186,6 +201,8 @@ def write_description(
         or None,
         **_loops(mechanism),
         **_setup(mechanism),
+        contacts=[_contact(c, mechanism) for c in mechanism.contacts] or None,
+        experiments=list(mechanism.experiments) or None,
         bodies=[_body(body, mechanism, joints) for body in mechanism.bodies],
     )
 

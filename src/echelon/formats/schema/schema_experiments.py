@@ -1,0 +1,86 @@
+"""Contacts and experiments, as data models of the description format."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Tag
+
+from echelon.formats.schema.schema_types import (
+    AS_LIST,
+    Expression,
+    Flag,
+    Frame,
+    Model,
+    Name,
+    Number,
+    by_form,
+    optional,
+    required,
+)
+
+Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
+
+
+class ContactEntry(Model):
+    """A place where a body touches the ground or an object, by forces that nobody measures."""
+
+    body: Name = required("Body or frame that touches.", "FL_foot")
+    type: Literal["point", "line", "surface", "rolling"] = optional(
+        "point",
+        "What cannot move: a point; a line along x or a surface that do not turn either; a wheel or ball that rolls.",
+        "point",
+    )
+    name: Name | None = optional(
+        None, "Name of the contact; default: the body.", "heel"
+    )
+    at: Frame = optional(
+        Frame.model_construct(),
+        "The contact in the body's frame; of what rolls its centre.",
+        {"xyz": [0, 0, "-0.2"]},
+    )
+    radius: Expression = optional(
+        "0", "Of what rolls: distance of its centre from the ground, m.", "0.05"
+    )
+    measured: Annotated[tuple[Component, ...], AS_LIST] = optional(
+        (), "Components of the force that a plate measures.", ["fz"]
+    )
+
+
+class ExperimentEntry(Model):
+    """One set-up in which the robot is measured."""
+
+    name: Name = required("Name of the experiment.", "wall")
+    gravity: Annotated[tuple[Number, Number, Number], AS_LIST] | None = optional(
+        None,
+        "Gravity in the base frame, of which the direction counts: how the base is mounted.",
+        [9.81, 0, 0],
+    )
+    locked: dict[Name, Number] = optional(
+        {},
+        "Coordinates, or joints, that do not move, and where they stand, rad or m.",
+        {"j4": 0.5},
+    )
+    sensors: Annotated[tuple[Name, ...], AS_LIST] | None = optional(
+        None,
+        "Outputs and sensors that are measured, base for the wrench under the robot; default: all outputs.",
+        ["base"],
+    )
+    payloads: dict[Name, Name] = optional(
+        {},
+        "Loads with unknown inertias, by name: the body that carries each.",
+        {"tool": "link7"},
+    )
+    contacts: Annotated[tuple[Name, ...], AS_LIST] | None = optional(
+        None, "Contacts that touch; default: all.", ["FL_foot", "RR_foot"]
+    )
+    open_loops: Flag = optional(False, "The loops are open.", True)
+
+
+Experiments = tuple[
+    Annotated[
+        Annotated[Name, Tag("text")] | Annotated[ExperimentEntry, Tag("mapping")],
+        by_form("text", "mapping"),
+    ],
+    ...,
+]
