@@ -17,7 +17,7 @@ from echelon.algebra import Function
 from echelon.base.matrix import BaseMatrix
 from echelon.dynamics import robot_function
 from echelon.robot import Mechanism
-from echelon.shared import Floats, public
+from echelon.shared import Floats, InputError, public
 
 if TYPE_CHECKING:
     from echelon.compute import NormalEquations, Observation, Observer
@@ -281,6 +281,67 @@ class Evaluation(ABC):
         )
         positions = both.shape[2] - self.mechanism.degrees_of_freedom
         return both[:, :, :positions], both[:, :, positions:]
+
+    def without_contact_forces(
+        self,
+        q: npt.ArrayLike,
+        touching: npt.ArrayLike | None = None,
+        noise: npt.ArrayLike | None = None,
+        symbols: Symbols = None,
+    ) -> Floats:
+        """Matrices T by which unknown contact forces leave y = X̄ ζ̄ - Jᵀ λ: T y = T X̄ ζ̄.
+
+        T is the projector along the columns of Jᵀ that is orthogonal after division by the noise, so that least squares
+        with T X̄ and T y are those of all unknowns, contact forces included (Golub and Van Loan, Matrix Computations,
+        section 6.2).  J is ``function("contact_jacobian")``.
+
+        Parameters
+        ----------
+        q : array of shape (N, positions)
+        touching : array of bool of shape (N, contacts), optional
+            Which contacts of ``mechanism.contacts`` touch at which state; all of them if omitted.
+        noise : array of shape (outputs,), optional
+            Standard deviations of the outputs, by which rows are divided; 1 if omitted.
+        symbols : mapping of str to float, optional
+
+        Returns
+        -------
+        array of shape (N, outputs, outputs)
+
+        Raises
+        ------
+        InputError
+            If the mechanism has no contacts, or a shape does not fit.
+        """
+        contacts = self.mechanism.contacts
+        jacobians = self._evaluator("contact_jacobian")({"q": q}, symbols)
+        slips = np.array(jacobians, ndmin=3)
+        deviations = np.ones(slips.shape[2]) if noise is None else np.asarray(noise)
+        touch = (
+            np.ones((len(slips), len(contacts)), dtype=bool)
+            if touching is None
+            else np.array(touching, dtype=bool, ndmin=2)
+        )
+        if touch.shape != (len(slips), len(contacts)):
+            names = ", ".join(contact.name for contact in contacts)
+            raise InputError(
+                f"touching has shape {touch.shape}; expected ({len(slips)}, {len(contacts)}): {names}"
+            )
+        if deviations.shape != slips.shape[2:] or not np.all(deviations > 0):
+            raise InputError(
+                f"noise is {deviations.shape[0] if deviations.ndim else 1} numbers; expected {slips.shape[2]}, above zero"
+            )
+        rows = [len(contact.kind.components) for contact in contacts]
+        unknown = slips * deviations * np.repeat(touch, rows, axis=1)[:, :, None]
+        measured = [
+            component in contact.measured
+            for contact in contacts
+            for component in contact.kind.components
+        ]
+        unknown[:, measured] = 0.0
+        projectors = np.eye(len(deviations)) - np.linalg.pinv(unknown) @ unknown
+        found: Floats = projectors / deviations
+        return found
 
     def constraint_forces(
         self,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from math import inf
@@ -102,6 +102,23 @@ class BaseMatrix:
     def generators(self) -> tuple[str, ...]:
         """Generators (symbols, sines and cosines of angle symbols) that occur in B, sorted."""
         return tuple(sorted({g for c in self.coefficients for g in c.generators()}))
+
+    def arranged(self, parameters: Sequence[str]) -> BaseMatrix:
+        """B with its columns in another order."""
+        place = {name: k for k, name in enumerate(parameters)}
+        moved = [place[name] for name in self.parameters]
+        numbers = self.numbers
+        if numbers is not None:
+            numbers = replace(
+                numbers, columns=tuple(moved[c] for c in numbers.columns)
+            )
+        return BaseMatrix(
+            tuple(parameters),
+            tuple(moved[pivot] for pivot in self.pivots),
+            tuple({moved[c]: value for c, value in row.items()} for row in self.rows),
+            tuple(moved[c] for c in self.order),
+            numbers,
+        )
 
     @property
     def denominators(self) -> set[str]:

@@ -32,6 +32,7 @@ from echelon.dynamics import (
 from echelon.robot import (
     Mechanism,
     characteristic_length,
+    experiment_of,
     known_values,
     stated_values,
     symbol_values,
@@ -244,6 +245,33 @@ class BaseModel(BaseSet, Evaluation):
     @property
     def _known(self) -> Mapping[str, float]:
         return known_values(self.mechanism)
+
+    def experiment(self, name: str) -> BaseModel:
+        """The model of one of several experiments, in the base parameters of all of them together.
+
+        Its regressor has a column for every base parameter, zero for what this experiment does not see, so that the
+        observations of all experiments can be added.
+
+        Parameters
+        ----------
+        name : str
+            Of ``mechanism.experiments``.
+
+        Raises
+        ------
+        InputError
+            If there is no such experiment.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> both = ec.base_parameters(ec.load("examples/experiments/panda_mounted.yaml"))
+        >>> wall = both.experiment("wall")
+        >>> wall.mechanism.positions[:2], wall.rank
+        (('j1', 'j2'), 45)
+        """
+        own = experiment_of(self.mechanism, name)
+        return replace(self, mechanism=own, matrix=self.matrix.arranged(own.parameters))
 
     # -- B in other forms --------------------------------------------------------------------------------------
 

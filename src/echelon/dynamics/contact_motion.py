@@ -73,11 +73,7 @@ class ContactMotion:
     def speeds(self) -> dict[str, Scalar]:
         """Virtual speeds of dependent outputs, in which no unknown force does work."""
         names = [output.name for output in self.mechanism.outputs]
-        motions = [
-            virtual_motion(self.mechanism, self._probes, {name: self.program.one})
-            for name in names
-        ]
-        slips = self._slips(motions, every=False)
+        slips = self._slips(self._motions_of_outputs, every=False)
         solved = _Solved.of(self.program, slips, _rare_first(slips))
         if len(solved.pivots) == len(names):
             raise InputError(
@@ -86,6 +82,20 @@ class ContactMotion:
             )
         found = solved.values(names, "u")
         return {name: found[f"u[{name}]"] for name in names if f"u[{name}]" in found}
+
+    @property
+    def slips_of_outputs(self) -> list[list[Scalar]]:
+        """Slip of all components, a row for each, per unit of each output's virtual velocity."""
+        return self._slips(self._motions_of_outputs, every=True)
+
+    @cached_property
+    def _motions_of_outputs(self) -> list[VirtualMotion]:
+        return [
+            virtual_motion(
+                self.mechanism, self._probes, {output.name: self.program.one}
+            )
+            for output in self.mechanism.outputs
+        ]
 
     def _slips(
         self, motions: Sequence[VirtualMotion], *, every: bool

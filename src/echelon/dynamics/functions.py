@@ -25,6 +25,7 @@ from echelon.algebra import (
     random_generator,
 )
 from echelon.dynamics.arguments import Arguments, coordinate_units, row_names
+from echelon.dynamics.contact_motion import ContactMotion
 from echelon.dynamics.linear_forms import inverse_dynamics_regressor
 from echelon.dynamics.loop_rows import dependent_motion
 from echelon.dynamics.outputs import RecordedOutputs
@@ -111,6 +112,32 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     arguments = "q qd qdd inputs parameters symbols"
     return recorded.arguments.function(
         "constraint_forces", entries, (kept,), arguments, meaning, units
+    )
+
+
+def contact_jacobian(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
+    """Record J with y = X ζ - Jᵀ λ, where λ are the forces that act on bodies at contacts, in the contacts' axes."""
+    if not mechanism.contacts:
+        raise InputError(
+            f"contact_jacobian is a function of mechanisms with contacts; {mechanism.name} has none"
+        )
+    motion = ContactMotion(mechanism, Program())
+    entries: dict[Index, Scalar] = {
+        (row, column): slip
+        for row, slips in enumerate(motion.slips_of_outputs)
+        for column, slip in enumerate(slips)
+    }
+    names = tuple(
+        f"{contact.name}.{component}"
+        for contact in mechanism.contacts
+        for component in contact.kind.components
+    )
+    return Arguments(mechanism, motion.program, {}).function(
+        "contact_jacobian",
+        entries,
+        (names, row_names(mechanism)),
+        "q symbols",
+        "velocities of contacts per unit of the velocity of each output",
     )
 
 
@@ -314,6 +341,9 @@ FUNCTIONS: Mapping[str, Builder] = {
 }
 """Builders by the name of the function."""
 
+CONTACT_FUNCTIONS: Mapping[str, Builder] = {"contact_jacobian": contact_jacobian}
+"""Builders of functions that only mechanisms with contacts have, by name."""
+
 LOOP_FUNCTIONS: Mapping[str, Builder] = {
     "closed_positions": closed_positions,
     "closed_velocities": closed_velocities,
@@ -323,7 +353,11 @@ LOOP_FUNCTIONS: Mapping[str, Builder] = {
 }
 """Builders of functions that only mechanisms with loops have, by name."""
 
-ALL_FUNCTIONS: Mapping[str, Builder] = {**FUNCTIONS, **LOOP_FUNCTIONS}
+ALL_FUNCTIONS: Mapping[str, Builder] = {
+    **FUNCTIONS,
+    **LOOP_FUNCTIONS,
+    **CONTACT_FUNCTIONS,
+}
 
 
 def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Function:

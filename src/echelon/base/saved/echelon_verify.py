@@ -11,7 +11,7 @@ from fractions import Fraction
 from operator import add, mul, neg, sub, truediv
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv, ast.USub: neg, ast.Pow: pow}
 KEYS = "schema echelon name seed rank outputs parameters order base classification reading special generic certificate model"
-MODEL = "echelon name symbols gravity couplings actuators effects outputs bodies"
+MODEL = "echelon name symbols gravity couplings actuators effects outputs bodies experiments"
 RANDOM, STATE, ONE = secrets.SystemRandom(), ("q", "qd", "qdd"), [[int(i == j) for j in range(4)] for i in range(4)]
 PRIMES, ROOT_OF_1, PARTS_OF_RADIAN = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41), 2 * math.lcm(*range(1, 21), 1000), 10**24
 NUMBER, CIRCULAR, ANY = r"[0-9.]{1,4000}(e[-+]?[0-9]{1,2})?", r"(cos|sin)\((?:([0-9]{1,9})\*)?(\w+)\)", RANDOM.randrange(2**64)
