@@ -11,6 +11,7 @@ from echelon.base.match import Match as Match
 from echelon.base.match import match as match
 from echelon.base.matrix import Identifiability as Identifiability
 from echelon.base.model import BaseModel as BaseModel
+from echelon.base.motion_ranks import motion_ranks as motion_ranks
 from echelon.base.numeric_comparison import NumericComparison as NumericComparison
 from echelon.base.numeric_comparison import compare_numeric as compare_numeric
 from echelon.base.row_space import RecordedRows as RecordedRows

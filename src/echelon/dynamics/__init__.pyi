@@ -26,6 +26,7 @@ from echelon.dynamics.linear_forms import (
     inverse_dynamics_regressor as inverse_dynamics_regressor,
 )
 from echelon.dynamics.linear_forms import power_form as power_form
+from echelon.dynamics.linear_forms import powers_along as powers_along
 from echelon.dynamics.linear_forms import rows_of as rows_of
 from echelon.dynamics.linear_forms import virtual_power_form as virtual_power_form
 from echelon.dynamics.loop_rows import assembly_of as assembly_of

@@ -456,6 +456,16 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     )
 
 
+def powers_along(
+    mechanism: Mechanism, program: Program, given: Mapping[str, Scalar]
+) -> LinearForms:
+    """Record uᵀ X, one row, along a motion: some states are given values on the program, by the names of their inputs."""
+    recorded = _RecordedPowers(mechanism, program, given)
+    motion = measured_motion(mechanism, recorded.probes)
+    shape = (1, len(mechanism.parameters))
+    return LinearForms(program, _row(recorded.powers(motion)), shape, values=_stated(mechanism))
+
+
 def _block_powers(recorded: _RecordedPowers) -> BlockRows:
     """Powers in virtual motions of one coordinate each, in the columns of the bodies and effects of its block."""
     mechanism, program = recorded.mechanism, recorded.program
