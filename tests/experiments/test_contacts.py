@@ -72,16 +72,16 @@ def check_random(seed: int) -> None:
         contacts.append(Contact(f"c{k}", ContactKind(kind), body, frame, measured=measured))
         known = tuple(("fx", "fy", "fz").index(c) for c in measured)
         touches.append(Touch(names[body], np.array(place, dtype=float), kind, known))
-    base = ec.base_parameters(replace(robot, contacts=tuple(contacts)))
+    base = ec.base_parameters(replace(robot, contacts=tuple(contacts)), budget=0)
     assert agrees(base, Observed(model, names).standing(rng, touches, samples=80))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_random_trees_agree_with_projected_rows_of_pinocchio(seed: int) -> None:
     check_random(seed)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5, 40))
+@pytest.mark.parametrize("seed", range(3, 40))
 def test_more_random_trees_agree_with_projected_rows_of_pinocchio(seed: int) -> None:
     check_random(seed)

@@ -34,7 +34,7 @@ from echelon.algebra import (
     random_generator,
 )
 from echelon.base.ball_checks import BallEvidence, check_in_balls, has_plain_signs
-from echelon.base.matrix import NEGLIGIBLE_ERROR, BaseMatrix
+from echelon.base.matrix import NEGLIGIBLE_ERROR, BaseMatrix, StatedNumbers
 from echelon.base.prime_checks import (
     Identity,
     Minor,
@@ -348,18 +348,27 @@ class _Checks:
             raise CertificateError(
                 "columns of numbers hold at stated values only, and there is no model with them"
             )
-        if not numbers.radius:
-            identity = Identity(
-                stated.forms, _with_numbers_only(self.matrix), self.numbers, self.rng
-            )
-            for _ in range(AGREEING_POINTS):
-                identity.holds_modulo(CERTIFICATE_BITS)
-        else:
+        if not self._exactly(stated, numbers):
             check_spanned(stated.forms, self.matrix, self.numbers, self.rng)
             self.balls = check_in_balls(
                 self.regressor, self.matrix, self.numbers, stated.texts, self.rng
             )
         self.reached[NUMBERS] = self.numbers
+
+    def _exactly(self, stated: AtStatedValues, numbers: StatedNumbers) -> bool:
+        """Whether exact numbers hold modulo primes; of angles with irrational sines residues show this less often."""
+        if numbers.radius:
+            return False
+        only = _with_numbers_only(self.matrix)
+        identity = Identity(stated.forms, only, self.numbers, self.rng)
+        try:
+            for _ in range(AGREEING_POINTS):
+                identity.holds_modulo(CERTIFICATE_BITS)
+        except CertificateError:
+            if numbers.exact(frozenset(self.regressor.sampler().angles)) is not None:
+                raise
+            return False
+        return True
 
     def _minor_modulo_primes(self) -> None:
         """A minor at the stated values, if there are any."""

@@ -332,7 +332,7 @@ class Evaluation(ABC):
                 f"noise is {deviations.shape[0] if deviations.ndim else 1} numbers; expected {slips.shape[2]}, above zero"
             )
         rows = [len(contact.kind.components) for contact in contacts]
-        unknown = slips * deviations * np.repeat(touch, rows, axis=1)[:, :, None]
+        unknown = slips / deviations * np.repeat(touch, rows, axis=1)[:, :, None]
         measured = [
             component in contact.measured
             for contact in contacts

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from math import comb
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -66,6 +66,7 @@ class SensorReport:
 
     Attributes
     ----------
+    kind : "sensors" or "experiments"
     sensors : tuple of str
         A force/torque sensor counts as one, with all its components; experiments, where the mechanism is of several.
     parameters : int
@@ -87,6 +88,7 @@ class SensorReport:
     seed : int
     """
 
+    kind: Literal["sensors", "experiments"]
     sensors: tuple[str, ...]
     parameters: int
     rank: int
@@ -202,6 +204,7 @@ def sensor_report(
     progress("looking for the smallest sufficient set")
     smallest, at_least = _smallest(names, spaces, total, [name for name, _ in greedy])
     return SensorReport(
+        "experiments" if mechanism.experiments else "sensors",
         names,
         len(mechanism.parameters),
         total,

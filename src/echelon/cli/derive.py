@@ -317,31 +317,36 @@ def _sensors_json(report: SensorReport) -> str:
     record["ranks"] = [
         {"sensors": list(subset), "rank": rank} for subset, rank in report.ranks.items()
     ]
-    record["greedy"] = [{"sensor": name, "rank": rank} for name, rank in report.greedy]
+    for key, steps_taken in (("greedy", report.greedy), ("added", report.added)):
+        record[key] = [{"sensor": name, "rank": rank} for name, rank in steps_taken]
     return json_text(record)
 
 
 def _sensors_text(report: SensorReport) -> str:
     lines = [
-        f"all {len(report.sensors)} sensors together see {report.rank} of {report.parameters} parameters",
+        f"all {len(report.sensors)} {report.kind} together see {report.rank} of {report.parameters} parameters",
         "",
     ]
     titles = [" + ".join(one_line(name) for name in subset) for subset in report.ranks]
-    width = max(map(len, ["sensors", *titles]))
-    lines.append(f"{'sensors':<{width}}  rank")
+    width = max(map(len, [report.kind, *titles]))
+    lines.append(f"{report.kind:<{width}}  rank")
     lines += [
         f"{title:<{width}}  {rank:>4}"
         for title, rank in zip(titles, report.ranks.values(), strict=True)
     ]
-    added = ", ".join(f"{one_line(name)} → {rank}" for name, rank in report.greedy)
+    added, in_order = (
+        ", ".join(f"{one_line(name)} → {rank}" for name, rank in taken)
+        for taken in (report.greedy, report.added)
+    )
     kind = (
         "smallest sufficient set"
         if report.proven_smallest
-        else "sufficient set (perhaps not the smallest)"
+        else f"sufficient set (a smallest one has at least {report.at_least})"
     )
     smallest = ", ".join(map(one_line, report.smallest)) or "none needed"
     lines += [
         "",
+        f"in their order: {in_order}",
         f"adding the most informative next: {added or 'nothing'}",
         f"{kind}: {smallest}",
     ]

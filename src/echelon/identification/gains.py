@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.base import BaseModel, base_of, base_parameters
-from echelon.compute import Layout, Observation, upper_triangle
+from echelon.compute import Layout, Observation
 from echelon.identification.current_fit import fit_currents, gain_names
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.fit import known_values
@@ -135,7 +135,7 @@ def drive_gains(
     if loaded is not None and payload is not None:
         load = payload.base(base)
         carrying = _observation(loaded, base.pivots + load.pivots, "the loaded runs")
-        free, units = _extended(free, carrying.layout) + carrying, units + load.units
+        free, units = free.extended(carrying.layout) + carrying, units + load.units
         fixed |= _load_values(payload, load)
         words.append(
             f"the payload on {payload.body}, of which {', '.join(payload.known)} known"
@@ -185,18 +185,6 @@ def _observation(
             f"{', '.join(parameters[:3])}, … {parameters[-1]} (loaded_rows() puts a payload's beside the robot's)"
         )
     return found
-
-
-def _extended(observation: Observation, layout: Layout) -> Observation:
-    """Rows with more columns, of parameters that they do not depend on."""
-    factors = []
-    for R, old, new in zip(
-        observation.factors, observation.layout.columns, layout.columns, strict=True
-    ):
-        full = np.zeros((len(R), len(new) + 1))
-        full[:, [*(new.index(c) for c in old), len(new)]] = R
-        factors.append(upper_triangle(full))
-    return Observation(layout, tuple(factors), observation.counts)
 
 
 def _load_values(payload: Payload, load: BaseModel) -> dict[str, float]:

@@ -38,6 +38,22 @@ class Layout:
         """Rows and columns of each output's R-factor: its parameters and the measured value."""
         return tuple(len(columns) + 1 for columns in self.columns)
 
+    def joined(self, other: Layout) -> Layout:
+        """The layout of rows of both: of the same outputs and parameters, with all columns that either has.
+
+        Raises
+        ------
+        InputError
+            If outputs or parameters are others.
+        """
+        if (self.outputs, self.parameters) != (other.outputs, other.parameters):
+            raise InputError(
+                "observations of different outputs or parameters cannot be merged"
+            )
+        pairs = zip(self.columns, other.columns, strict=True)
+        columns = tuple(tuple(sorted({*a, *b})) for a, b in pairs)
+        return Layout(self.outputs, self.parameters, columns)
+
     def places(self, output: int) -> list[int]:
         """Columns of an output's factor among those of [W y]: its parameters, then y."""
         return [*self.columns[output], len(self.parameters)]
@@ -192,13 +208,23 @@ class Observation:
     def __add__(self, other: Observation) -> Observation:
         """The observation of both sets of samples; refuses other outputs or parameters."""
         if self.layout != other.layout:
-            raise InputError(
-                "observations of different outputs or parameters cannot be merged"
-            )
+            layout = self.layout.joined(other.layout)
+            return self.extended(layout) + other.extended(layout)
         pairs = zip(self.factors, other.factors, strict=True)
         factors = tuple(upper_triangle(*pair) for pair in pairs)
         counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
         return Observation(self.layout, factors, counts)
+
+    def extended(self, layout: Layout) -> Observation:
+        """Rows with more columns, of parameters that they do not depend on."""
+        factors = []
+        for R, old, new in zip(
+            self.factors, self.layout.columns, layout.columns, strict=True
+        ):
+            full = np.zeros((len(R), len(new) + 1))
+            full[:, [*(new.index(c) for c in old), len(new)]] = R
+            factors.append(upper_triangle(full))
+        return Observation(layout, tuple(factors), self.counts)
 
     def combined(self, weights: Sequence[float] | Floats | None = None) -> Triangle:
         """The R-factor of all outputs' rows together.
