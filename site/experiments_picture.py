@@ -8,7 +8,7 @@ import echelon as ec
 from echelon.base.matrix import Identifiability
 
 CELL, LEFT, TOP = 26, 46, 44  # px
-KINDS = "XX XY XZ YY YZ ZZ MX MY MZ M".split()
+KINDS = ["XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M"]
 FILLS = {
     Identifiability.ALONE: "#2f6f4f",
     Identifiability.COMBINATION: "#9fc5b0",
@@ -36,7 +36,9 @@ def picture(experiments: Sequence[ec.Experiment]) -> str:
         parts.append(f'<text x="{x}" y="{TOP - 8}" text-anchor="middle">{kind}</text>')
     for row, body in enumerate(bodies):
         y = TOP + CELL * row
-        parts.append(f'<text x="{LEFT - 8}" y="{y + 17}" text-anchor="end">link {body.label}</text>')
+        parts.append(
+            f'<text x="{LEFT - 8}" y="{y + 17}" text-anchor="end">link {body.label}</text>'
+        )
         for column, kind in enumerate(KINDS):
             name = f"{kind}{body.label}"
             better = one[name] != every[name]
@@ -47,11 +49,18 @@ def picture(experiments: Sequence[ec.Experiment]) -> str:
                 f'fill="{FILLS[every[name]]}"{frame}><title>{name}: {one[name].value} before, {every[name].value} now'
                 "</title></rect>"
             )
-    legend = [(FILLS[Identifiability.ALONE], "alone"), (FILLS[Identifiability.COMBINATION], "combined"),
-              (FILLS[Identifiability.UNIDENTIFIABLE], "unseen")]
+    legend = [
+        (FILLS[Identifiability.ALONE], "alone"),
+        (FILLS[Identifiability.COMBINATION], "combined"),
+        (FILLS[Identifiability.UNIDENTIFIABLE], "unseen"),
+    ]
     x, y = LEFT, height - 24
     for fill, text in legend:
-        parts.append(f'<rect x="{x}" y="{y}" width="12" height="12" rx="2" fill="{fill}"/><text x="{x + 17}" y="{y + 10}">{text}</text>')
+        parts.append(
+            f'<rect x="{x}" y="{y}" width="12" height="12" rx="2" fill="{fill}"/><text x="{x + 17}" y="{y + 10}">{text}</text>'
+        )
         x += 76
-    parts.append(f'<rect x="{x + 1}" y="{y + 1}" width="10" height="10" rx="2" fill="none" stroke="{WON}" stroke-width="3"/><text x="{x + 17}" y="{y + 10}">won</text>')
+    parts.append(
+        f'<rect x="{x + 1}" y="{y + 1}" width="10" height="10" rx="2" fill="none" stroke="{WON}" stroke-width="3"/><text x="{x + 17}" y="{y + 10}">won</text>'
+    )
     return "\n".join([*parts, "</svg>", ""])

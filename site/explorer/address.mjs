@@ -2,7 +2,7 @@
 
 export const USUAL = {
   floating: false, gravity: "file", zero: [], equal: [], locked: [], payload: "", sensors: [], effects: [],
-  order: "base-to-tip", prefer: [],
+  order: "base-to-tip", prefer: [], beside: [],
 };
 
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);

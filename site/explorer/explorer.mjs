@@ -136,6 +136,8 @@ function showChoices() {
   toggles("joints", joints, changes.locked, (name) => set({ locked: switched(changes.locked, name) }));
   toggles("effects", Object.keys(EFFECTS), changes.effects, (n) => set({ effects: switched(changes.effects, n) }), EFFECTS);
   toggles("prefer", changes.prefer, changes.prefer, prefer);
+  const kept = Object.fromEntries(changes.beside.map((text, k) => [text, `${k + 1}: ${words(JSON.parse(text))}`]));
+  toggles("beside", changes.beside, changes.beside, (text) => set({ beside: switched(changes.beside, text) }), kept);
   const names = lengths.map(([name]) => name);
   const values = Object.fromEntries(lengths.map(([name, value]) => [name, value === null ? name : `${name} = ${value}`]));
   toggles("lengths", names, changes.zero, (name) => set({ zero: switched(changes.zero, name) }), values);
@@ -156,6 +158,21 @@ function toggles(id, names, on, act, words = {}) {
   if (focused) [...byId(id).children].find((button) => button.dataset.name === focused)?.focus();
 }
 
+/** A kept experiment in words. */
+function words({ gravity, locked, payload, sensors }) {
+  const said = [gravity === "file" ? "as mounted" : `gravity ${gravity}`];
+  if (locked.length) said.push(`${locked.join(", ")} held`);
+  if (payload) said.push(`payload on ${payload}`);
+  if (sensors.length) said.push(sensors.join(", "));
+  return said.join("; ");
+}
+
+function keep() {
+  const { gravity, locked, payload, sensors, beside } = state.changes;
+  const text = JSON.stringify({ gravity, locked, payload, sensors });
+  if (!beside.includes(text)) set({ beside: [...beside, text] });
+}
+
 function wire() {
   const sensed = () => [
     ...["joints", "base"].filter((name) => byId(`sense-${name}`).checked),
@@ -173,6 +190,7 @@ function wire() {
     const pair = [byId("first").value, byId("second").value];
     if (pair[0] && pair[1] && pair[0] !== pair[1]) set({ equal: [...state.changes.equal, pair] });
   };
+  byId("keep").onclick = keep;
   byId("reset").onclick = () => set(structuredClone(USUAL));
   byId("share").onclick = async () => {
     await navigator.clipboard.writeText(location.href).catch(() => {});

@@ -23,6 +23,7 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import effect_label, slides
 from echelon.report.drawing import CLASSES, drawable_pose, seen_bodies
 from echelon.robot.effect import Effect, Side, ready_made
+from echelon.robot.experiment import Experiment
 from echelon.robot.joint import GROUND, Body, Joint, MotionKind, Placement
 from echelon.robot.locking import lock_joints
 from echelon.robot.mechanism import Cut, Mechanism, Output
@@ -54,6 +55,31 @@ class Changes:
     effects: tuple[str, ...] = ()  # kinds of effects in every drive
     order: str = "base-to-tip"
     prefer: tuple[str, ...] = ()  # parameters or kinds wanted as representatives
+    # experiments before this one, each as JSON of what is changed in it: gravity, locked, payload, sensors
+    beside: tuple[str, ...] = ()
+
+    @property
+    def direction(self) -> tuple[float, ...] | None:
+        """Gravity of an experiment; None for that of the file."""
+        if self.gravity == "file":
+            return None
+        try:
+            return tuple(map(float, self.gravity.split(",")))
+        except ValueError:
+            raise InputError(
+                "experiments differ in how the base is mounted: choose a direction of gravity for each"
+            ) from None
+
+    def kept(self) -> list[Changes]:
+        """The changes of all experiments, this one last."""
+        before = [Changes.of(json.loads(text)) for text in self.beside]
+        same = {
+            "floating": self.floating,
+            "zero": self.zero,
+            "equal": self.equal,
+            "effects": self.effects,
+        }
+        return [*(replace(changes, **same) for changes in before), self]
 
     @classmethod
     def of(cls, data: dict[str, Any]) -> Changes:
@@ -81,7 +107,11 @@ def answer(request: str) -> str:
         reply = (
             written(base, asked["file"])
             if asked.get("file")
-            else {**shown(base), **choices(robot)}
+            else {
+                **shown(last_of(base)),
+                **choices(robot),
+                "headline": headline(base),
+            }
         )
     except EchelonError as error:
         reply = {"error": f"echelon: {one_line(str(error))}"}
@@ -112,8 +142,21 @@ def read(name: str, text: str, changes: Changes) -> Mechanism:
 @lru_cache(maxsize=16)
 def derive(name: str, text: str, changes: Changes) -> BaseModel:
     """Base parameters of the changed robot."""
-    robot = changed(read(name, text, changes), changes)
-    return base_parameters(robot, order=changes.order, prefer=changes.prefer)
+    options = {"order": changes.order, "prefer": changes.prefer}
+    if not changes.beside:
+        return base_parameters(changed(read(name, text, changes), changes), **options)
+    experiments = []
+    for kept in changes.kept():
+        upright = replace(kept, gravity="file", beside=())
+        robot = changed(read(name, text, upright), upright)
+        experiments.append(Experiment(robot, gravity=kept.direction))
+    return base_parameters(experiments, **options)
+
+
+def last_of(base: BaseModel) -> BaseModel:
+    """The model of the experiment that the page shows, in the base parameters of all."""
+    names = base.mechanism.experiments
+    return base.experiment(names[-1]) if names else base
 
 
 # -- changes -----------------------------------------------------------------------------------------------------------

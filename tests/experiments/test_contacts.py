@@ -31,9 +31,14 @@ def quadruped(tmp_path_factory: pytest.TempPathFactory) -> ec.Mechanism:
 
 
 @pytest.mark.parametrize(("feet", "rank"), [(1, 93), (2, 92), (4, 90)])
-def test_feet_of_a_quadruped_hide_a_few(quadruped: ec.Mechanism, feet: int, rank: int) -> None:
+def test_feet_of_a_quadruped_hide_a_few(
+    quadruped: ec.Mechanism, feet: int, rank: int
+) -> None:
     names = [f"{leg}_foot" for leg in ("FL", "RR", "FR", "RL")[:feet]]
-    assert ec.base_structure(ec.joined([ec.Experiment(quadruped, contacts=names)])).rank == rank
+    assert (
+        ec.base_structure(ec.joined([ec.Experiment(quadruped, contacts=names)])).rank
+        == rank
+    )
 
 
 def test_a_trot_shows_all(quadruped: ec.Mechanism) -> None:
@@ -69,7 +74,9 @@ def check_random(seed: int) -> None:
         place = [Fraction(int(x), 8) for x in rng.integers(-8, 9, 3)]
         frame = shift(*map(as_polynomial, place))
         measured = tuple(c for c in ("fx", "fy", "fz") if rng.random() < 0.15)
-        contacts.append(Contact(f"c{k}", ContactKind(kind), body, frame, measured=measured))
+        contacts.append(
+            Contact(f"c{k}", ContactKind(kind), body, frame, measured=measured)
+        )
         known = tuple(("fx", "fy", "fz").index(c) for c in measured)
         touches.append(Touch(names[body], np.array(place, dtype=float), kind, known))
     base = ec.base_parameters(replace(robot, contacts=tuple(contacts)), budget=0)

@@ -41,17 +41,29 @@ def test_the_same_experiment_twice_adds_nothing(panda: ec.Mechanism) -> None:
 
 def test_a_load_is_told_from_the_link_that_carries_it(panda: ec.Mechanism) -> None:
     loaded = ec.Experiment(panda, "loaded", payloads={"tool": "j7"})
-    alone, both = ec.base_parameters(loaded), ec.base_parameters([ec.Experiment(panda), loaded])
+    alone, both = (
+        ec.base_parameters(loaded),
+        ec.base_parameters([ec.Experiment(panda), loaded]),
+    )
     assert (alone.rank, both.rank) == (43, 53)
     assert {f"{kind}_tool" for kind in ("M", "MX", "XX")} <= set(both.parameters)
 
 
-def test_a_plan_is_the_smallest_choice_and_says_how_it_knows(panda: ec.Mechanism) -> None:
-    table, wall = ec.Experiment(panda, "table"), ec.Experiment(panda, "wall", gravity=(9.81, 0, 0))
+def test_a_plan_is_the_smallest_choice_and_says_how_it_knows(
+    panda: ec.Mechanism,
+) -> None:
+    table, wall = (
+        ec.Experiment(panda, "table"),
+        ec.Experiment(panda, "wall", gravity=(9.81, 0, 0)),
+    )
     loaded = ec.Experiment(panda, "loaded", payloads={"tool": "j7"})
     found = ec.plan([table, wall, loaded])
     assert found.added == (("table", 43), ("wall", 45), ("loaded", 55))
-    assert (found.smallest, found.at_least, found.proven_smallest) == (("wall", "loaded"), 2, True)
+    assert (found.smallest, found.at_least, found.proven_smallest) == (
+        ("wall", "loaded"),
+        2,
+        True,
+    )
 
 
 def test_a_plan_without_budget_bounds_what_it_did_not_try(panda: ec.Mechanism) -> None:
@@ -75,10 +87,18 @@ def random_experiments(seed: int) -> tuple[list[ec.Experiment], list[np.ndarray]
     observed = Observed(model, [body.joint.name for body in robot.bodies])
     experiments, rows = [], []
     for k in range(int(rng.integers(2, 4))):
-        gravity: Any = 9.81 * rng.permutation([1.0, 0, 0]) if rng.random() < 0.5 else rng.normal(size=3)
+        gravity: Any = (
+            9.81 * rng.permutation([1.0, 0, 0])
+            if rng.random() < 0.5
+            else rng.normal(size=3)
+        )
         held = rng.choice(names, size=int(rng.integers(0, joints)), replace=False)
         locked = {str(name): float(np.round(rng.uniform(-1, 1), 2)) for name in held}
-        experiments.append(ec.Experiment(robot, f"e{k}", gravity=tuple(map(float, gravity)), locked=locked))
+        experiments.append(
+            ec.Experiment(
+                robot, f"e{k}", gravity=tuple(map(float, gravity)), locked=locked
+            )
+        )
         rows.append(observed.arm(rng, gravity, locked))
     return experiments, rows
 
@@ -103,7 +123,9 @@ def test_more_random_arms_agree_with_stacked_rows_of_pinocchio(seed: int) -> Non
     check_random(seed)
 
 
-def test_an_experiment_is_taken_out_with_its_own_names_and_all_parameters(panda: ec.Mechanism) -> None:
+def test_an_experiment_is_taken_out_with_its_own_names_and_all_parameters(
+    panda: ec.Mechanism,
+) -> None:
     loaded = ec.Experiment(panda, "loaded", payloads={"tool": "j7"})
     whole = ec.joined([ec.Experiment(panda, "empty"), loaded])
     for name in ("empty", "loaded"):
@@ -133,7 +155,9 @@ def test_friction_of_a_locked_joint_is_seen_in_the_other_experiment() -> None:
         ({"gravity": (0, 0, 0)}, "not all zero"),
     ],
 )
-def test_what_the_robot_does_not_have_is_named(panda: ec.Mechanism, wrong: dict[str, Any], said: str) -> None:
+def test_what_the_robot_does_not_have_is_named(
+    panda: ec.Mechanism, wrong: dict[str, Any], said: str
+) -> None:
     with pytest.raises(ec.InputError, match=said):
         ec.base_parameters([ec.Experiment(panda), ec.Experiment(panda, "odd", **wrong)])
 

@@ -10,7 +10,9 @@ import pytest
 import echelon as ec
 from support.walking_robot import LEGS, robot_mjcf, trots
 
-NOISE = np.repeat([0.05, 0.1], [6, 12])  # N and N·m; nothing pushes the trunk, but feet are not quite points
+NOISE = np.repeat(
+    [0.05, 0.1], [6, 12]
+)  # N and N·m; nothing pushes the trunk, but feet are not quite points
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +36,9 @@ def test_a_trot_recovers_all_that_moves(robot: Path) -> None:
     assert base.rank == 94
     model = base.experiment("stand")
     walk = trots((robot.parent / "quadruped.xml").read_text(), 5)
-    measured = walk.torque + NOISE[6:] * np.random.default_rng(1).normal(size=walk.torque.shape)
+    measured = walk.torque + NOISE[6:] * np.random.default_rng(1).normal(
+        size=walk.torque.shape
+    )
     y = np.hstack([np.zeros((len(walk.q), 6)), measured])
     X = model.regressor(walk.q, walk.v, walk.a)
     T = model.without_contact_forces(walk.q, walk.touching, NOISE)
@@ -53,7 +57,9 @@ def test_shapes_are_checked(robot: Path) -> None:
     model = ec.base_parameters(ec.load(robot)).experiment("stand")
     q = np.zeros((2, 19))
     q[:, 3] = 1
-    with pytest.raises(ec.InputError, match=r"touching has shape \(2, 3\); expected \(2, 4\)"):
+    with pytest.raises(
+        ec.InputError, match=r"touching has shape \(2, 3\); expected \(2, 4\)"
+    ):
         model.without_contact_forces(q, np.ones((2, 3), dtype=bool))
     with pytest.raises(ec.InputError, match="expected 18, above zero"):
         model.without_contact_forces(q, noise=np.zeros(18))

@@ -126,6 +126,32 @@ def test_a_change_is_an_option_of_the_command(case: str) -> None:
     assert counted(asked(PANDA, **changes)) == derived(PANDA, *options)
 
 
+KEPT = {"gravity": "file", "locked": [], "payload": "", "sensors": []}
+
+
+def both(folder: Path) -> Answer:
+    """Output of ``echelon derive`` for an arm on a table and on a wall."""
+    robot = yaml.safe_load(PANDA.read_text())
+    robot["experiments"] = [{"name": "e1"}, {"name": "e2", "gravity": [9.81, 0, 0]}]
+    file = folder / "panda.yaml"
+    file.write_text(yaml.safe_dump(robot))
+    return derived(file)
+
+
+def test_two_experiments_are_those_of_a_file(tmp_path: Path) -> None:
+    reply = asked(PANDA, beside=[json.dumps(KEPT)], gravity="9.81,0,0")
+    assert counted(reply) == both(tmp_path)
+    assert (reply["rank"], reply["picture"]["parents"][:2]) == (45, [-1, 0])
+
+
+def test_a_second_experiment_tells_a_load_from_its_link() -> None:
+    reply = asked(PANDA, beside=[json.dumps(KEPT)], payload="j7")
+    assert reply["rank"] == 53
+    assert asked(PANDA, beside=[json.dumps(KEPT)])["rank"] == 43
+    refused = asked(PANDA, beside=[json.dumps(KEPT)], gravity="none")
+    assert "choose a direction of gravity" in refused["error"]
+
+
 def test_joint_torques_of_a_floating_arm_see_ten_fewer() -> None:
     assert (
         asked(PANDA, floating=True)["rank"]
@@ -307,6 +333,18 @@ def test_clicks(case: str, visit: Visit, tmp_path: Path) -> None:
     first, *_, changed, undone = visit(*CLICKS[case], ("click", "#reset"))
     assert seen(changed) == edited(case, tmp_path)
     assert seen(undone) == seen(first)
+
+
+@pytest.mark.slow
+def test_a_second_experiment_wins(visit: Visit) -> None:
+    *_, kept, tilted, back = visit(
+        ("click", "#keep"),
+        ("choose", "#gravity", "0,-9.81,0"),
+        ("click", "#beside button"),
+    )
+    assert "43" in kept["headline"]
+    assert "Base parameters: 43 → 45." in tilted["differences"]
+    assert seen(back) == told(PANDA, "--gravity", "0,-9.81,0")
 
 
 @pytest.mark.slow

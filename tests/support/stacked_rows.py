@@ -71,7 +71,10 @@ class Observed:
         import pinocchio as pin
 
         self.model.gravity.linear = np.array(gravity, dtype=float)
-        held = {self.model.joints[self.model.getJointId(n)].idx_q: at for n, at in (locked or {}).items()}
+        held = {
+            self.model.joints[self.model.getJointId(n)].idx_q: at
+            for n, at in (locked or {}).items()
+        }
         free = [k for k in range(self.model.nv) if k not in held]
         rows = []
         for _ in range(samples):
@@ -90,7 +93,9 @@ class Observed:
 
         rows = []
         for _ in range(samples):
-            q = pin.integrate(self.model, pin.neutral(self.model), rng.normal(size=self.model.nv))
+            q = pin.integrate(
+                self.model, pin.neutral(self.model), rng.normal(size=self.model.nv)
+            )
             slips = [self._slip(touch, q) for touch in touches]
             J = np.vstack([slip for slip, _ in slips])
             free = null_space(J)
@@ -98,7 +103,10 @@ class Observed:
             drift = np.concatenate([bias(v) for _, bias in slips])
             a = -np.linalg.pinv(J) @ drift + free @ rng.normal(size=free.shape[1])
             hidden = np.vstack(
-                [np.delete(slip, touch.measured, axis=0) for (slip, _), touch in zip(slips, touches, strict=True)]
+                [
+                    np.delete(slip, touch.measured, axis=0)
+                    for (slip, _), touch in zip(slips, touches, strict=True)
+                ]
             )
             X = pin.computeJointTorqueRegressor(self.model, self.data, q, v, a)
             rows.append(null_space(hidden).T @ X[:, self.columns])
@@ -111,13 +119,23 @@ class Observed:
         model, data = self.model, self.data
         joint = model.getJointId(touch.joint)
         frame = model.addFrame(
-            pin.Frame(f"touch{model.nframes}", joint, 0, pin.SE3(np.eye(3), np.array(touch.place)), pin.FrameType.OP_FRAME)
+            pin.Frame(
+                f"touch{model.nframes}",
+                joint,
+                0,
+                pin.SE3(np.eye(3), np.array(touch.place)),
+                pin.FrameType.OP_FRAME,
+            )
         )
         self.data = data = model.createData()
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
         J = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
-        held = {"point": [0, 1, 2], "line": [0, 1, 2, 4, 5], "surface": [0, 1, 2, 3, 4, 5]}[touch.kind]
+        held = {
+            "point": [0, 1, 2],
+            "line": [0, 1, 2, 4, 5],
+            "surface": [0, 1, 2, 3, 4, 5],
+        }[touch.kind]
 
         def bias(v: Floats) -> Floats:
             pin.forwardKinematics(model, self.data, q, v, np.zeros(model.nv))

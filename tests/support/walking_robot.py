@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -105,7 +104,13 @@ def trot(text: str, seconds: float, seed: int = 1) -> Walk:
                 pair = {int(contact.geom1), int(contact.geom2)} - {floor}
                 touching[[feet[g] for g in pair if g in feet]] = True
             kept.append(
-                (data.qpos.copy(), data.qvel.copy(), data.qacc.copy(), torque.copy(), touching)
+                (
+                    data.qpos.copy(),
+                    data.qvel.copy(),
+                    data.qacc.copy(),
+                    torque.copy(),
+                    touching,
+                )
             )
         mujoco.mj_step(model, data)
     q, v, a, torques, touch = (np.array(part) for part in zip(*kept, strict=True))

@@ -182,8 +182,10 @@ def base_parameters(
     >>> base.rank, len(base.parameters)
     (43, 70)
     """
-    if isinstance(mechanism, Experiment | list | tuple):
-        mechanism = joined([mechanism] if isinstance(mechanism, Experiment) else mechanism)
+    if isinstance(mechanism, Experiment | Sequence) and not isinstance(mechanism, str):
+        mechanism = joined(
+            [mechanism] if isinstance(mechanism, Experiment) else mechanism
+        )
     model = model_of(mechanism)
     if isinstance(model, LinearModel):
         if order != "base-to-tip":

@@ -109,9 +109,7 @@ class BaseMatrix:
         moved = [place[name] for name in self.parameters]
         numbers = self.numbers
         if numbers is not None:
-            numbers = replace(
-                numbers, columns=tuple(moved[c] for c in numbers.columns)
-            )
+            numbers = replace(numbers, columns=tuple(moved[c] for c in numbers.columns))
         return BaseMatrix(
             tuple(parameters),
             tuple(moved[pivot] for pivot in self.pivots),

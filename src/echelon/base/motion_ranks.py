@@ -69,7 +69,9 @@ def motion_ranks(
     if robot.closures or robot.contacts:
         raise InputError("motions of robots with loops or contacts are not free series")
     if any(motion.kind is MotionKind.BALL for motion in robot.motions):
-        raise InputError("a free rotation is no series: hold it, or replace it by three turns")
+        raise InputError(
+            "a free rotation is no series: hold it, or replace it by three turns"
+        )
     rng = random_generator(seed)
     whole = linear_structure(powers_along(robot, Program(), {}), rng).rank
     found = list[int]()
@@ -90,7 +92,10 @@ def _rank(
     for motion in robot.free_motions:
         series = _Series([_random(rng) for _ in basis], basis, program)
         name = motion.name
-        given |= {f"qd[{name}]": series.derivative(1), f"qdd[{name}]": series.derivative(2)}
+        given |= {
+            f"qd[{name}]": series.derivative(1),
+            f"qdd[{name}]": series.derivative(2),
+        }
         if name in valued:
             given[f"q[{name}]"] = series.derivative(0) + program.constant(_random(rng))
     return linear_structure(powers_along(robot, program, given), rng).rank
@@ -141,6 +146,10 @@ def _by_value(robot: Mechanism) -> set[str]:
     drives = {a.name: [name for name, _ in a.terms] for a in robot.actuators}
     for effect in robot.effects:
         for action in effect.actions:
-            places = {q.at or action.at for q in read_term(action.term).quantities if q.name == "q"}
+            places = {
+                q.at or action.at
+                for q in read_term(action.term).quantities
+                if q.name == "q"
+            }
             found |= {name for place in places for name in drives.get(place, [place])}
     return found

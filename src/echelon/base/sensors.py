@@ -121,8 +121,8 @@ def plan(
     Returns
     -------
     SensorReport
-        With experiments in the place of sensors.  The greedy choice is at most 1 + ln(rank) times as large as a smallest
-        one (Wolsey, Combinatorica 2, 1982), and ``at_least`` bounds that from below.
+        With experiments in the place of sensors.  The greedy choice is at most 1 + ln(rank) times as large as a
+        smallest one (Wolsey, Combinatorica 2, 1982), and ``at_least`` bounds that from below.
 
     Raises
     ------
@@ -194,9 +194,7 @@ def sensor_report(
     spaces = _spaces(mechanism, forms, random_generator(seed), progress)
     names = tuple(forms)
     total = spaces.rank(names)
-    added = [
-        (name, spaces.rank(names[: k + 1])) for k, name in enumerate(names)
-    ]
+    added = [(name, spaces.rank(names[: k + 1])) for k, name in enumerate(names)]
     progress("adding the most informative sensors")
     greedy = _greedy(names, spaces, total)
     spaces.work = Work.of(budget)
@@ -333,9 +331,7 @@ def _row_spaces(
     geometry = {s: field.draw(rng, (1,)) for s in symbols}
     spaces: dict[str, Residues] = {}
     for number, (name, sampler) in enumerate(samplers.items(), 1):
-        progress(
-            f"what {name} sees ({number} of {len(samplers)}, modulo {field.p})"
-        )
+        progress(f"what {name} sees ({number} of {len(samplers)}, modulo {field.p})")
         own = {s: geometry[s] for s in sampler.symbols}
         spaces[name] = persistent(
             partial(row_space, forms[name], field, rng, own)

@@ -398,7 +398,9 @@ def _dependent_by_joint(
             cache[signature] = tuple(
                 sorted(k - offset for k in supports if k >= offset)
             )
-        columns = pair_columns(mechanism, index)[-len(mechanism.bodies[index].carried) :]
+        columns = pair_columns(mechanism, index)[
+            -len(mechanism.bodies[index].carried) :
+        ]
         if cache[signature]:
             dependent[index] = tuple(columns[k] for k in cache[signature])
     return dependent

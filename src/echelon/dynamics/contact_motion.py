@@ -250,9 +250,7 @@ class _Solved:
             terms = [
                 entries[k] * self.program.input(f"{kind}[{names[k]}]") for k in free
             ]
-            terms += [
-                entries[self.width + k] * value for k, value in enumerate(minus)
-            ]
+            terms += [entries[self.width + k] * value for k, value in enumerate(minus)]
             found[f"{kind}[{names[column]}]"] = -sum(terms, self.program.zero)
         return found
 

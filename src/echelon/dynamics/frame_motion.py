@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from echelon.robot import RecordedStep, Vec, VirtualMotion, add, cross, into_frame, scale
+from echelon.robot import (
+    RecordedStep,
+    Vec,
+    VirtualMotion,
+    add,
+    cross,
+    into_frame,
+    scale,
+)
 
 Twist = tuple[Vec, Vec]
 """Angular velocity and linear velocity of the frame's origin, in the frame's axes."""

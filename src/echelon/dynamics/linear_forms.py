@@ -431,7 +431,9 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     """
     program = Program()
     contacts = ContactMotion(mechanism, program) if mechanism.contacts else None
-    recorded = _RecordedPowers(mechanism, program, contacts and contacts.given)
+    recorded = _RecordedPowers(
+        mechanism, program, None if contacts is None else contacts.given
+    )
     recorder, probes = recorded.recorder, recorded.probes
     speeds = contacts.speeds if contacts is not None else None
     motion = measured_motion(mechanism, probes, speeds)
@@ -459,11 +461,13 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
 def powers_along(
     mechanism: Mechanism, program: Program, given: Mapping[str, Scalar]
 ) -> LinearForms:
-    """Record uᵀ X, one row, along a motion: some states are given values on the program, by the names of their inputs."""
+    """Record uᵀ X, one row, along a motion: values that stand in for states, by the names of their inputs."""
     recorded = _RecordedPowers(mechanism, program, given)
     motion = measured_motion(mechanism, recorded.probes)
     shape = (1, len(mechanism.parameters))
-    return LinearForms(program, _row(recorded.powers(motion)), shape, values=_stated(mechanism))
+    return LinearForms(
+        program, _row(recorded.powers(motion)), shape, values=_stated(mechanism)
+    )
 
 
 def _block_powers(recorded: _RecordedPowers) -> BlockRows:

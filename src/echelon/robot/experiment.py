@@ -46,7 +46,7 @@ from echelon.shared import (
 T = TypeVar("T")
 
 TILT_TOLERANCE = 1e-9
-"""Relative error of the rational numbers that stand for a stated direction of gravity, far below what bases are levelled to."""
+"""Relative error of rational numbers for a direction of gravity, far below what bases are levelled to."""
 
 
 @public
@@ -427,9 +427,7 @@ class _Tree:
                     (replace(cut, body=cut.body + self.shift), weight)
                     for cut, weight in output.cuts
                 ]
-                yield replace(
-                    output, name=name, forces=tuple(forces), cuts=tuple(cuts)
-                )
+                yield replace(output, name=name, forces=tuple(forces), cuts=tuple(cuts))
 
     def closures(self) -> Iterator[Closure]:
         """Closures that have a name."""

@@ -341,7 +341,9 @@ class Mechanism:
         names = [self.bodies[k].name for k in self.sharing[body]]
         prefixes = tuple(f"{name}." for name in self.experiments)
         if prefixes:
-            names = [n.partition(".")[2] if n.startswith(prefixes) else n for n in names]
+            names = [
+                n.partition(".")[2] if n.startswith(prefixes) else n for n in names
+            ]
         return ", ".join(dict.fromkeys(names))
 
     def ends(self, closure: str) -> str:
@@ -699,7 +701,9 @@ def _check_experiments(mechanism: Mechanism) -> None:
     current = ""
     for body in mechanism.bodies if mechanism.experiments else ():
         starts = body.name in mechanism.experiments
-        if starts and (body.parent != GROUND or body.carried or not body.joint.is_fixed):
+        if starts and (
+            body.parent != GROUND or body.carried or not body.joint.is_fixed
+        ):
             raise InputError(
                 "the base of an experiment is fixed to the ground and has no mass",
                 element=f"body '{body.name}'",
@@ -718,7 +722,9 @@ def _check_experiments(mechanism: Mechanism) -> None:
     names = {body.name for body in mechanism.bodies}
     strange = [name for name in mechanism.experiments if name not in names]
     if strange:
-        raise InputError(f"experiment '{strange[0]}' has no base", element="experiments")
+        raise InputError(
+            f"experiment '{strange[0]}' has no base", element="experiments"
+        )
 
 
 def _check_names(mechanism: Mechanism) -> None:

@@ -309,7 +309,10 @@ class Additions:
                     f"{path}.body", f"'{entry.body}' is fixed to the ground"
                 )
             kind, name = ContactKind(entry.type), entry.name or entry.body
-            rolls, stated = kind is ContactKind.ROLLING, "radius" in entry.model_fields_set
+            rolls, stated = (
+                kind is ContactKind.ROLLING,
+                "radius" in entry.model_fields_set,
+            )
             if rolls != stated:
                 raise self.expressions.error(
                     f"{path}.radius",
