@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -92,3 +93,22 @@ def test_random_trees_agree_with_projected_rows_of_pinocchio(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3, 40))
 def test_more_random_trees_agree_with_projected_rows_of_pinocchio(seed: int) -> None:
     check_random(seed)
+
+
+@pytest.mark.slow
+def test_a_humanoid_shows_all_as_it_walks(tmp_path: Path) -> None:
+    soles = [
+        f"  - {{body: leg_{side}_6_link, type: surface, name: {side}}}\n"
+        for side in ("left", "right")
+    ]
+    file = tmp_path / "talos.yaml"
+    file.write_text(
+        f"echelon: 1\nrobot: {robot_file('talos_full_v2')}\ncontacts:\n{''.join(soles)}"
+    )
+    robot = ec.load(file, floating=True)
+    choices: list[list[str]] = [[], ["left"], ["left", "right"]]
+    experiments = [ec.Experiment(robot, contacts=names) for names in choices]
+    ranks = [ec.base_structure(ec.joined([e])).rank for e in experiments]
+    assert ranks == [260, 246, 232]
+    steps = [ec.Experiment(robot, contacts=[name]) for name in ("left", "right")]
+    assert ec.base_structure(ec.joined(steps)).rank == 260

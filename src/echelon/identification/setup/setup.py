@@ -160,11 +160,31 @@ def load_setup(
     """
     file, options = open_robot(robot, model), ReadingOptions(**reading)
     setup = _described(file, options) if file.is_description else _bare(file, options)
+    _check_single(setup)
     return (
         setup
         if prior is None
         else replace(setup, prior=open_robot(prior).mechanism(options))
     )
+
+
+def _check_single(setup: Setup) -> None:
+    """Refuse what rows of logs and motions do not know of yet."""
+    mechanism = setup.mechanism
+    if mechanism.experiments:
+        raise InputError(
+            f"it states the experiments {in_quotes(mechanism.experiments)}, and logs and motions are those of one: leave "
+            "the others out, or add their observations in Python (docs/experiments.md)",
+            source=setup.source,
+            element="experiments",
+        )
+    if mechanism.contacts:
+        raise InputError(
+            "forces that nobody measures act there, and rows of logs would hold them: leave contacts out if there are "
+            "none in the logs, or use base.without_contact_forces in Python (docs/experiments.md)",
+            source=setup.source,
+            element=f"contact '{mechanism.contacts[0].name}'",
+        )
 
 
 def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
