@@ -59,7 +59,7 @@ def picture(experiments: Sequence[ec.Experiment]) -> str:
         parts.append(
             f'<rect x="{x}" y="{y}" width="12" height="12" rx="2" fill="{fill}"/><text x="{x + 17}" y="{y + 10}">{text}</text>'
         )
-        x += 76
+        x += 92
     parts.append(
         f'<rect x="{x + 1}" y="{y + 1}" width="10" height="10" rx="2" fill="none" stroke="{WON}" stroke-width="3"/><text x="{x + 17}" y="{y + 10}">won</text>'
     )

@@ -107,12 +107,15 @@ def write(folder: Path) -> None:
     """The two pictures of README, that of the rooms, and what a second experiment wins."""
     import echelon
     import experiments_picture
+    import hero_picture
     from rooms_picture import picture
 
     base = echelon.base_parameters(echelon.load(ROOT / "examples/panda.yaml"))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "panda.svg").write_text(robot(base).svg, encoding="utf-8")
     (folder / "panda-structure.svg").write_text(structure(base).svg, encoding="utf-8")
+    moving = hero_picture.picture(ROOT / "examples/panda.yaml")
+    (folder / "hero.svg").write_text(moving, encoding="utf-8")
     (folder / "rooms.svg").write_text(picture(), encoding="utf-8")
     table = echelon.Experiment(base.mechanism, "table")
     wall = echelon.Experiment(base.mechanism, "wall", gravity=(9.81, 0, 0))

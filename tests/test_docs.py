@@ -86,14 +86,14 @@ def test_numbers_come_from_the_benchmark() -> None:
     table = (ROOT / "benchmarks/results/bench.md").read_text()
     quoted = re.search(
         r"<!-- bench -->\n(.*?)<!-- /bench -->",
-        (ROOT / "README.md").read_text(),
+        (ROOT / "docs/speed.md").read_text(),
         re.DOTALL,
     )
     assert quoted is not None
     assert all(line in table for line in quoted[1].splitlines())
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/identification.md"])
+@pytest.mark.parametrize("page", ["docs/identification.md"])
 def test_numbers_come_from_the_real_logs(page: str) -> None:
     results = (ROOT / "benchmarks/results/real_logs.md").read_text().splitlines()
     quoted = re.search(
@@ -107,7 +107,7 @@ def test_numbers_come_from_the_real_logs(page: str) -> None:
     assert [line for line in lines if line not in results] == []
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/excitation.md"])
+@pytest.mark.parametrize("page", ["docs/excitation.md"])
 def test_numbers_come_from_the_benchmark_of_trajectories(page: str) -> None:
     results = (ROOT / "benchmarks/results/excitation.md").read_text().splitlines()
     quoted = re.search(
