@@ -112,3 +112,28 @@ def test_a_humanoid_shows_all_as_it_walks(tmp_path: Path) -> None:
     assert ranks == [260, 246, 232]
     steps = [ec.Experiment(robot, contacts=[name]) for name in ("left", "right")]
     assert ec.base_structure(ec.joined(steps)).rank == 260
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        1,
+        pytest.param(2, marks=pytest.mark.slow),
+        pytest.param(3, marks=pytest.mark.slow),
+    ],
+)
+def test_wheels_roll_on_level_ground(seed: int) -> None:
+    import pinocchio as pin
+
+    rng = np.random.default_rng(seed)
+    text = random_urdf(rng, 3)
+    robot = ec.load(text, floating=True, snap_tolerance=0)
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    names = ["root_joint", *(body.joint.name for body in robot.bodies[1:])]
+    body, radius = int(rng.integers(0, 4)), Fraction(1, 8)
+    wheel = Contact(
+        "wheel", ContactKind.ROLLING, body, shift(0, 0, 0), as_polynomial(radius)
+    )
+    base = ec.base_parameters(replace(robot, contacts=(wheel,)), budget=0)
+    touch = Touch(names[body], np.zeros(3), "rolling", radius=float(radius))
+    assert agrees(base, Observed(model, names).standing(rng, [touch]))

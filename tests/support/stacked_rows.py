@@ -47,6 +47,7 @@ class Touch:
     place: Floats  # in the joint's frame
     kind: str
     measured: tuple[int, ...] = ()  # components of the force that are known
+    radius: float = 0.0  # of what rolls on a level ground
 
 
 class Observed:
@@ -130,6 +131,21 @@ class Observed:
         self.data = data = model.createData()
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
+        if touch.kind == "rolling":
+            up = touch.radius * pin.skew(np.array([0.0, 0.0, 1.0]))
+
+            def rolled(motion: Any) -> Floats:
+                return motion.linear + up @ motion.angular
+
+            level = pin.LOCAL_WORLD_ALIGNED
+            J = pin.getFrameJacobian(model, data, frame, level)
+
+            def drift(v: Floats) -> Floats:
+                pin.forwardKinematics(model, self.data, q, v, np.zeros(model.nv))
+                at = pin.getFrameClassicalAcceleration(model, self.data, frame, level)
+                return rolled(at)
+
+            return J[:3] + up @ J[3:], drift
         J = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
         held = {
             "point": [0, 1, 2],
