@@ -216,7 +216,17 @@ class Observation:
         return Observation(self.layout, factors, counts)
 
     def extended(self, layout: Layout) -> Observation:
-        """Rows with more columns, of parameters that they do not depend on."""
+        """The observation with more columns, of parameters that its rows do not depend on.
+
+        Parameters
+        ----------
+        layout : Layout
+            Of the same outputs, with all columns that there are already.
+
+        Returns
+        -------
+        Observation
+        """
         factors = []
         for R, old, new in zip(
             self.factors, self.layout.columns, layout.columns, strict=True
