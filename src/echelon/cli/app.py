@@ -88,6 +88,8 @@ def application(name: str, text: str, **more: Any) -> typer.Typer:
         "add_completion": False,
         "pretty_exceptions_enable": False,
         "rich_markup_mode": None,
+        # commands inherit it
+        "context_settings": {"help_option_names": ["-h", "--help"]},
     }
     return _Application(
         name=name, cls=_Commands, help=text, no_args_is_help=True, **more
