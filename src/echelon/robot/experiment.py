@@ -274,12 +274,12 @@ def _stacked(experiments: Sequence[Experiment]) -> Mechanism:
     alone = len(experiments) == 1
     if alone and experiments[0].mounting.is_identity:
         return experiments[0].mechanism
-    bodies, trees = list[Body](), list[_Tree]()
+    bodies, trees = list[Body](), list[_Branch]()
     for e in experiments:
         mounted = Joint(f"{e.name}.base", "fixed", (e.mounting,))
         base = Body(e.name, f"{e.name}_base", GROUND, mounted, carried=())
         renamed = str if alone else partial(_prefixed, e.name)
-        tree = _Tree(e.mechanism, len(bodies) + 1, renamed)
+        tree = _Branch(e.mechanism, len(bodies) + 1, renamed)
         bodies += [base, *tree.bodies(range(len(e.mechanism.bodies)), len(bodies))]
         trees.append(tree)
     mechanisms = [e.mechanism for e in experiments]
@@ -329,7 +329,7 @@ def experiment_of(mechanism: Mechanism, name: str) -> Mechanism:
     bases = [k for k, body in enumerate(mechanism.bodies) if body.name in names]
     ends = dict(pairwise([*bases, len(mechanism.bodies)]))
     first = next(k for k in bases if mechanism.bodies[k].name == name)
-    tree = _Tree(mechanism, -first, partial(_without_prefix, name))
+    tree = _Branch(mechanism, -first, partial(_without_prefix, name))
     bodies = list(tree.bodies(range(first, ends[first]), GROUND))
     labels = {body.label for body in bodies}
     absent = [mechanism.bodies[k] for k in mechanism.carriers]
@@ -369,7 +369,7 @@ def _without_prefix(experiment: str, name: str) -> str | None:
 
 
 @dataclass(frozen=True)
-class _Tree:
+class _Branch:
     """A mechanism's parts with other names, and bodies by other indices; parts without a new name are left out."""
 
     mechanism: Mechanism
