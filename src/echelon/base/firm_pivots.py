@@ -17,9 +17,8 @@ from typing import Any
 import flint
 import numpy as np
 
-from echelon.algebra import DEFAULT_SEED, ball, random_generator
+from echelon.algebra import BALL_BITS, DEFAULT_SEED, ball, random_generator
 from echelon.base.ball_rows import stated_generators
-from echelon.base.ball_tables import BALL_BITS
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import reconstruction_error
 from echelon.dynamics import LinearForms

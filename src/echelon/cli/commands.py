@@ -26,13 +26,12 @@ from echelon.cli.app import (
     app,
     reads_robot,
 )
+from echelon.cli.process import Exit
 from echelon.cli.screen import json_text, show
 from echelon.compute import VARIABLES
 from echelon.shared import Estimator, InputError, ValuesToUse, one_line
 
 __all__ = ["app", "run"]
-
-BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 
 Format = Literal["text", "json", "latex", "markdown"]
 Formulas = Literal["latex", "sympy"]
@@ -383,9 +382,6 @@ def predict(
     run_predict(model, log, output_file(output, force), as_json=as_json)
 
 
-VALID, REFUTED = 0, 1
-
-
 Schema = Literal["description", "base-model", "linear-base", "identified", "trajectory"]
 
 
@@ -455,7 +451,7 @@ def audit(
         ignore=tuple(ignore or ()),
     )
     deliver(json_text(found.to_dict()) if as_json else found.to_text(), target)
-    raise typer.Exit(VALID if found.equal else REFUTED)
+    raise typer.Exit(Exit.VALID if found.equal else Exit.REFUTED)
 
 
 def _definitions(texts: Sequence[str]) -> dict[str, str]:
@@ -508,7 +504,7 @@ def run() -> None:
     try:
         app()
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        sys.exit(Exit.INTERRUPTED)
     except Exception as error:
         sys.exit(_report(error))
 
@@ -524,4 +520,4 @@ def _report(error: Exception) -> int:
         print(f"echelon: {one_line(str(error))}", file=sys.stderr)  # noqa: T201
     else:
         print_exception(error)
-    return BAD_INPUT if expected else INTERNAL
+    return Exit.BAD_INPUT if expected else Exit.INTERNAL

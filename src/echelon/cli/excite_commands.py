@@ -13,12 +13,11 @@ from typing import Annotated, Any
 import typer
 
 from echelon.cli.app import AsJson, Force, app, reads_robot
-from echelon.cli.process import SIGNALLED, stop_asked
+from echelon.cli.process import Exit, stop_asked
 from echelon.cli.screen import steps
 from echelon.shared import Family, Optimality
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
-BROKEN = 1  # exit code where a limit is broken
 
 
 class SampleFormat(StrEnum):
@@ -184,7 +183,7 @@ def excite(
         as_json=as_json,
     )
     if asked.number:
-        raise typer.Exit(SIGNALLED + asked.number)
+        raise typer.Exit(asked.code)
 
 
 @app.command(
@@ -233,7 +232,7 @@ def check_trajectory(
         page.write(preview_html(found))
     say(found, [] if page is None else [page.path], started, as_json=as_json)
     if not found.safe:
-        raise typer.Exit(BROKEN)
+        raise typer.Exit(Exit.REFUTED)
 
 
 def _stated(**changed: Any) -> dict[str, Any]:

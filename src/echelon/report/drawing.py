@@ -442,5 +442,5 @@ def widest_view(points: Floats, up: Floats, elevation: float) -> float:
             float(values[0] * values[1]), 6
         )  # rounded, so that the view is the same everywhere
 
-    turns = np.pi * (np.arange(VIEWS) + 0.25) / VIEWS
-    return max(turns.tolist(), key=area)
+    turns: list[float] = (np.pi * (np.arange(VIEWS) + 0.25) / VIEWS).tolist()
+    return max(turns, key=area)

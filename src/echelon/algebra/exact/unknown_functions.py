@@ -14,9 +14,12 @@ import numpy as np
 from echelon.algebra.exact.field import MOST_ATTEMPTS, Geometry, PrimeField, Residues
 from echelon.shared import ClosedFormError, DegenerateSampleError
 
-_OPERATIONS = 5e8  # a few seconds
-_TERMS = 500
-SOLVING = 0.05  # what an operation of FLINT's linear algebra costs beside one of an evaluation in NumPy
+OPERATIONS = 5e8
+"""Operations on residues of a budget of 1: a few seconds."""
+TERMS = 500
+"""Terms of a coefficient for a budget of 1: they fill a screen."""
+SOLVING = 0.05
+"""Cost of an operation of FLINT's linear algebra, relative to one of an evaluation in NumPy."""
 
 
 @dataclass
@@ -29,7 +32,7 @@ class Work:
     @staticmethod
     def of(budget: float) -> Work:
         """The work of a budget: 1 for a few seconds, 0 for none."""
-        return Work(budget * _OPERATIONS, budget * _TERMS)
+        return Work(budget * OPERATIONS, budget * TERMS)
 
     def take(self, operations: float) -> bool:
         """Take some operations if as many are left."""

@@ -53,8 +53,10 @@ Row = Mapping[
 ]  # claimed coefficients by column, in the order of the text
 
 _ZERO, _ONE = RationalFunction(0), RationalFunction(1)
-_PRIME_BITS = 61
+PRIME_BITS = 61
+"""Size of primes whose residues still fit machine words: few rows agree by chance, and none need be proved."""
 _NOISE = 1e-9
+"""Residual, relative to a row, up to which rounding of doubles may make it."""
 
 
 @dataclass(frozen=True)
@@ -250,7 +252,7 @@ def span_exactly(
 ) -> Span:
     """The span for generic geometry."""
     for _ in range(MOST_ATTEMPTS):
-        field = PrimeField.random(rng, _PRIME_BITS)
+        field = PrimeField.random(rng, PRIME_BITS)
         try:
             values = _residues(rows, matrix, field, rng)
         except DegenerateSampleError:

@@ -23,6 +23,7 @@ from pydantic import AliasChoices, Field
 from pydantic import BaseModel as Schema
 
 from echelon.base import checked
+from echelon.excite.problem.state_limits import NUMBERS_AT_ONCE
 from echelon.excite.problem.trajectory import (
     DEGREE,
     LARGEST,
@@ -30,7 +31,6 @@ from echelon.excite.problem.trajectory import (
     Splines,
     Trajectory,
 )
-from echelon.excite.problem.state_limits import NUMBERS_AT_ONCE
 from echelon.identification import decoding, open_log, read_table
 from echelon.shared import (
     Floats,

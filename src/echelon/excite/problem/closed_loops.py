@@ -37,7 +37,7 @@ from echelon.robot import Mechanism, Motion, MotionKind
 from echelon.shared import Flags, Floats, InputError
 
 SHORTEST_STEP = 2e-3
-"""Shortest step on the way to a configuration, rad or characteristic lengths: a solver may try what cannot be closed."""
+"""Shortest step on the way to a configuration, rad or characteristic lengths: a solver also tries what cannot close."""
 REMEMBERED = 4
 """Sets of samples whose configurations are kept: those of the criterion and of the constraints."""
 POSES = 64
