@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from echelon.cli.app import (
+    AS_READ,
     AsJson,
     Budget,
     Force,
@@ -38,19 +39,7 @@ Formulas = Literal["latex", "sympy"]
 
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
-@reads_robot(
-    "floating",
-    "gravity",
-    "snap_tolerance",
-    "numeric",
-    "mimic",
-    "keep_fixed_links",
-    "massless",
-    "symbols",
-    "measured",
-    "ignore",
-    "model",
-)
+@reads_robot(*AS_READ, "numeric", "mimic", "symbols", "measured", "model")
 def derive(
     robot: Robot,
     read: dict[str, Any],
@@ -204,15 +193,7 @@ def setup(
 @app.command(
     epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/"
 )
-@reads_robot(
-    "floating",
-    "gravity",
-    "snap_tolerance",
-    "keep_fixed_links",
-    "massless",
-    "ignore",
-    "model",
-)
+@reads_robot(*AS_READ, "model")
 def identify(
     setup: Annotated[
         Path,
@@ -323,15 +304,7 @@ def identify(
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
-@reads_robot(
-    "floating",
-    "gravity",
-    "snap_tolerance",
-    "keep_fixed_links",
-    "massless",
-    "ignore",
-    "model",
-)
+@reads_robot(*AS_READ, "model")
 def check(
     setup: Annotated[
         Path,

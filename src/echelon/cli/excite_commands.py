@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from echelon.cli.app import AsJson, Force, app, reads_robot
+from echelon.cli.app import AS_READ, AsJson, Force, app, reads_robot
 from echelon.cli.process import Exit, stop_asked
 from echelon.cli.screen import steps
 from echelon.shared import Family, Optimality
@@ -54,9 +54,7 @@ Model = Annotated[
 @app.command(
     epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition"
 )
-@reads_robot(
-    "floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore"
-)
+@reads_robot(*AS_READ)
 def excite(
     setup: SetupFile,
     read: dict[str, Any],
@@ -189,9 +187,7 @@ def excite(
 @app.command(
     epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html"
 )
-@reads_robot(
-    "floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore"
-)
+@reads_robot(*AS_READ)
 def check_trajectory(
     setup: SetupFile,
     trajectory: Annotated[

@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from echelon.cli.app import Force, Ordering, Prefer, Seed, app, reading, reads_robot
+from echelon.cli.app import (
+    AS_READ,
+    Force,
+    Ordering,
+    Prefer,
+    Seed,
+    app,
+    reading,
+    reads_robot,
+)
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.shared import CertificateError, InputError, one_line
 
@@ -30,17 +39,7 @@ LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, clo
 
 
 @app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
-@reads_robot(
-    "floating",
-    "gravity",
-    "snap_tolerance",
-    "numeric",
-    "mimic",
-    "keep_fixed_links",
-    "massless",
-    "ignore",
-    "model",
-)
+@reads_robot(*AS_READ, "numeric", "mimic", "model")
 def generate(
     robot: Annotated[
         Path,
