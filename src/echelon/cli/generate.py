@@ -225,16 +225,14 @@ def _summary(
 ) -> dict[str, Any]:
     from echelon.codegen import operation_counts
 
-    functions = {
-        function.name: {
+    functions = {}
+    for function in source.functions:
+        arguments = {argument.name: len(argument) for argument in function.arguments}
+        functions[function.name] = {
             "shape": list(function.shape),
-            "arguments": {
-                argument.name: len(argument) for argument in function.arguments
-            },
+            "arguments": arguments,
             "operations": operation_counts(function),
         }
-        for function in source.functions
-    }
     return {
         "schema": SUMMARY,
         "robot": base.mechanism.name,

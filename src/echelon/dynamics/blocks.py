@@ -80,24 +80,14 @@ def blocks_of(mechanism: Mechanism) -> tuple[MovingBlock, ...]:
     for k, some in enumerate(places):
         if some:
             effects[block_of[some[0]]].append(k)
-    names = [
-        [
-            n
-            for m in b.joint.motions
-            if m.name not in mechanism.dependent
-            for n in m.velocities
-        ]
-        for b in bodies
-    ]
-    return tuple(
-        MovingBlock(
-            tuple(inside),
-            tuple(n for i in inside for n in names[i]),
-            tuple(e),
-            tuple(sorted(c)),
-        )
-        for inside, e, c in zip(members, effects, carried, strict=True)
-    )
+    found = []
+    for inside, own, behind in zip(members, effects, carried, strict=True):
+        motions = [m for i in inside for m in bodies[i].joint.motions]
+        free = [m for m in motions if m.name not in mechanism.dependent]
+        names = tuple(name for motion in free for name in motion.velocities)
+        block = MovingBlock(tuple(inside), names, tuple(own), tuple(sorted(behind)))
+        found.append(block)
+    return tuple(found)
 
 
 def _places_of_effects(
@@ -107,14 +97,14 @@ def _places_of_effects(
     drives = {
         a.name: [name for name, _ in a.terms] for a in mechanism.transmission.actuators
     }
-    return [
-        [
-            owner[name]
-            for a in effect.actions
-            for name in ([a.at] if a.side is Side.JOINT else drives[a.at])
-        ]
-        for effect in mechanism.effects
-    ]
+    found = []
+    for effect in mechanism.effects:
+        names: list[str] = []
+        for action in effect.actions:
+            joint = action.side is Side.JOINT
+            names += [action.at] if joint else drives[action.at]
+        found.append([owner[name] for name in names])
+    return found
 
 
 class _Groups:

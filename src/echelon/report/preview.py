@@ -244,13 +244,10 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
             "high": high if isfinite(high) else None,
         }
 
-    coordinates = [
-        {
-            "name": one_line(name),
-            "orders": [signal(k, order) for order in _PLOTTED],
-        }
-        for k, name in enumerate(trajectory.coordinates)
-    ]
+    coordinates = []
+    for k, name in enumerate(trajectory.coordinates):
+        orders = [signal(k, order) for order in _PLOTTED]
+        coordinates.append({"name": one_line(name), "orders": orders})
     return {
         "duration": trajectory.duration,
         "titles": list(ORDERS[: len(_SUFFIXES)]),
@@ -509,15 +506,10 @@ def _pictures(found: ExcitingTrajectory, view: Scene) -> dict[str, Any]:
         name: packed(getattr(view, name))
         for name in ("origins", "axes", "tips", "q", "qd")
     }
-    obstacles = [
-        {
-            "name": one_line(shape.name),
-            "curves": [
-                curve.round(4).tolist() for curve in outline(shape, view.extent)
-            ],
-        }
-        for shape in found.obstacles
-    ]
+    obstacles = []
+    for shape in found.obstacles:
+        curves = [curve.round(4).tolist() for curve in outline(shape, view.extent)]
+        obstacles.append({"name": one_line(shape.name), "curves": curves})
     return {
         "bodies": bodies,
         "obstacles": obstacles,

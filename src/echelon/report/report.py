@@ -383,14 +383,11 @@ def _row(run: Identification, k: int, form: Any, others: list[Any]) -> Context:
 def conditioning(run: Identification) -> Context:
     """Combinations of parameters that the data show well, and those that they hardly show."""
     forms = ClosedForms(run.base)
-    weak = [
-        {
-            "value": direction.singular_value,
-            "terms": [(weight, forms.name(name)) for name, weight in direction.weights],
-            "advice": direction.advice,
-        }
-        for direction in run.conditioning.weak
-    ]
+    weak = []
+    for direction in run.conditioning.weak:
+        terms = [(weight, forms.name(name)) for name, weight in direction.weights]
+        value = direction.singular_value
+        weak.append({"value": value, "terms": terms, "advice": direction.advice})
     return {
         "conditioning": run.conditioning,
         "total": run.base.rank,

@@ -120,17 +120,10 @@ def _by_speed(trace: Trace, difference: Floats) -> dict[str, Any] | None:
     bins = min(_RESOLUTION.speeds, len(speed) // FEWEST_SAMPLES)
     if not bins:
         return None
-    parts = list(
-        zip(np.array_split(speed, bins), np.array_split(left, bins), strict=True)
-    )
-    middle, mean, deviation = (
-        np.array([function(part) for part in some])
-        for function, some in (
-            (np.mean, [s for s, _ in parts]),
-            (np.mean, [e for _, e in parts]),
-            (np.std, [e for _, e in parts]),
-        )
-    )
+    speeds, residuals = np.array_split(speed, bins), np.array_split(left, bins)
+    middle = np.array([part.mean() for part in speeds])
+    mean = np.array([part.mean() for part in residuals])
+    deviation = np.array([part.std() for part in residuals])
     unit = "m/s" if trace.unit == "N" else "rad/s"
     arrays = {
         "speed": middle,

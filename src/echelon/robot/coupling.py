@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
@@ -186,15 +186,12 @@ def _solved(
     rows: Sequence[Sequence[Rational]], right: Sequence[Rational]
 ) -> list[Fraction]:
     """The solution of linear equations in rational numbers."""
-    left, column = (
-        flint.fmpq_mat(
-            [
-                [flint.fmpq(number.numerator, number.denominator) for number in row]
-                for row in table
-            ]
-        )
-        for table in (rows, [[number] for number in right])
-    )
+
+    def exact(values: Iterable[Rational]) -> list[flint.fmpq]:
+        return [flint.fmpq(value.numerator, value.denominator) for value in values]
+
+    left = flint.fmpq_mat([exact(row) for row in rows])
+    column = flint.fmpq_mat(len(right), 1, exact(right))
     return [
         Fraction(int(number.p), int(number.q))
         for number in left.solve(column).entries()

@@ -243,15 +243,12 @@ def rank(matrix: Residues, field: PrimeField) -> int:
 def by_pivots(matrix: Residues, field: PrimeField) -> dict[int, dict[int, int]]:
     """Every column without a pivot as a combination of pivot columns: their coefficients where they are not zero."""
     reduced, pivots = reduced_echelon(matrix, field)
-    places = list(enumerate(pivots))
-    return {
-        column: {
-            p: value
-            for row, p in places
-            if p < column and (value := int(reduced[row, column]))
-        }
-        for column in sorted(set(range(matrix.shape[1])) - set(pivots))
-    }
+    found = {}
+    for column in sorted(set(range(matrix.shape[1])) - set(pivots)):
+        values = reduced[: len(pivots), column].tolist()
+        pairs = zip(pivots, values, strict=True)
+        found[column] = {p: int(v) for p, v in pairs if p < column and v}
+    return found
 
 
 def null_vectors(matrix: Residues, field: PrimeField) -> list[list[int]]:

@@ -58,7 +58,8 @@ class Work:
 
 
 Found = TypeVar("Found")
-_CHUNK = 512  # geometries that are evaluated at once
+CHUNK = 512
+"""Geometries that are evaluated at once."""
 
 
 @dataclass(frozen=True)
@@ -81,13 +82,10 @@ class UnknownFunctions:
         """Values at some geometries: array of shape (functions, count)."""
         if not self.symbols:  # there is one geometry only
             return np.repeat(self.evaluate(field, geometry), count, axis=1)
-        parts = [
-            self.evaluate(
-                field,
-                {s: value[first : first + _CHUNK] for s, value in geometry.items()},
-            )
-            for first in range(0, count, _CHUNK)
-        ]
+        parts = []
+        for first in range(0, count, CHUNK):
+            some = {s: value[first : first + CHUNK] for s, value in geometry.items()}
+            parts.append(self.evaluate(field, some))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def sample(

@@ -472,16 +472,13 @@ def read_poses(
     stated = {"the reference pose": model.qpos0} | {
         f"keyframe '{name}'": qpos for name, qpos in keyframes.items()
     }
-    # a rotation without w would be taken for none
-    return {
-        element: {
-            n: float(v)
-            for n, v in zip(names, qpos, strict=True)
-            if v or n.endswith(".w")
-        }
-        for element, qpos in stated.items()
-        if len(qpos) == len(names) and all(map(isfinite, qpos))
-    }
+    poses = {}
+    for element, qpos in stated.items():
+        if len(qpos) == len(names) and all(map(isfinite, qpos)):
+            pairs = zip(names, map(float, qpos), strict=True)
+            # a rotation without w would be taken for none
+            poses[element] = {n: v for n, v in pairs if v or n.endswith(".w")}
+    return poses
 
 
 def read_closures(
