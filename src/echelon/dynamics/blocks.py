@@ -15,10 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.algebra import FieldSampler, PrimeField, Program, rank, sampler_of
+from echelon.algebra import (
+    SURPLUS_ROWS,
+    FieldSampler,
+    PrimeField,
+    Program,
+    rank,
+    sampler_of,
+)
 from echelon.robot import ALL, GROUND, Mechanism, Side, StatedValues
-
-_SURPLUS_ROWS = 4
 
 
 @dataclass(frozen=True)
@@ -183,7 +188,7 @@ class BlockRows:
             if values
             else {name: field.draw(rng, (1,)) for name in names}
         )
-        states = max(map(len, owned), default=0) + _SURPLUS_ROWS
+        states = max(map(len, owned), default=0) + SURPLUS_ROWS
         residues = iter(sampler.evaluate(field, rng, states, geometry)[:, 0])
         full = []
         for entries, own in zip(chosen, owned, strict=True):
