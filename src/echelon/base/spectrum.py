@@ -18,9 +18,10 @@ import numpy as np
 
 from echelon.algebra import DEFAULT_SEED, random_generator
 from echelon.base.elimination import Independent
+from echelon.base.nudge import nudged
 from echelon.base.real_states import SURPLUS, RealStates
 from echelon.dynamics import rows_of
-from echelon.robot import Mechanism, characteristic_length, nudged
+from echelon.robot import Mechanism, characteristic_length
 from echelon.shared import MOST_NAMED, Floats
 
 EXPLAINED = 10_000.0

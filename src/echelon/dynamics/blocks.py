@@ -55,29 +55,12 @@ def blocks_of(mechanism: Mechanism) -> tuple[MovingBlock, ...]:
         for m in body.joint.motions
         for name in m.velocities
     }
-    groups = _Groups(len(bodies))
-    for index, body in enumerate(bodies):
-        if body.parent != GROUND and bodies[body.parent].carried != ALL:
-            groups.join((index, body.parent))
-    for sharing in mechanism.sharing:
-        groups.join(sharing)
-    for coupling in mechanism.couplings:
-        groups.join(
-            owner[name]
-            for name in (coupling.coordinate, *(name for name, _ in coupling.terms))
-        )
     places = _places_of_effects(mechanism, owner)
-    for some in places:
-        groups.join(some)
-    groups.close_paths([body.parent for body in bodies])
-    number = {
-        root: k
-        for k, root in enumerate(dict.fromkeys(map(groups.find, range(len(bodies)))))
-    }
-    block_of = [number[groups.find(index)] for index in range(len(bodies))]
-    members: list[list[int]] = [[] for _ in number]
-    carried: list[set[int]] = [set() for _ in number]
-    effects: list[list[int]] = [[] for _ in number]
+    block_of = _tied_bodies(mechanism, owner, places)
+    count = max(block_of, default=-1) + 1
+    members: list[list[int]] = [[] for _ in range(count)]
+    carried: list[set[int]] = [set() for _ in range(count)]
+    effects: list[list[int]] = [[] for _ in range(count)]
     for index, body in enumerate(bodies):
         members[block_of[index]].append(index)
         if body.parent != GROUND and block_of[body.parent] != block_of[index]:
@@ -93,6 +76,28 @@ def blocks_of(mechanism: Mechanism) -> tuple[MovingBlock, ...]:
         block = MovingBlock(tuple(inside), names, tuple(own), tuple(sorted(behind)))
         found.append(block)
     return tuple(found)
+
+
+def _tied_bodies(
+    mechanism: Mechanism, owner: Mapping[str, int], places: Sequence[Sequence[int]]
+) -> list[int]:
+    """For every body the number of its block, in the order of the first bodies of blocks."""
+    bodies = mechanism.bodies
+    groups = _Groups(len(bodies))
+    for index, body in enumerate(bodies):
+        if body.parent != GROUND and bodies[body.parent].carried != ALL:
+            groups.join((index, body.parent))
+    for sharing in mechanism.sharing:
+        groups.join(sharing)
+    for coupling in mechanism.couplings:
+        leaders = [name for name, _ in coupling.terms]
+        groups.join(owner[name] for name in (coupling.coordinate, *leaders))
+    for some in places:
+        groups.join(some)
+    groups.close_paths([body.parent for body in bodies])
+    roots = [groups.find(index) for index in range(len(bodies))]
+    number = {root: k for k, root in enumerate(dict.fromkeys(roots))}
+    return [number[root] for root in roots]
 
 
 def _places_of_effects(

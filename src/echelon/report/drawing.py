@@ -168,22 +168,13 @@ def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawi
     """A mechanism at a pose as a drawing."""
     ends = _ends(mechanism, pose)
     extent = _extent(np.vstack([pose.origins, *ends.values(), np.zeros((1, 3))]))
-    axes = np.stack(
-        [
-            pose.origins - PROPORTIONS.axis * extent * pose.axes,
-            pose.origins + PROPORTIONS.axis * extent * pose.axes,
-        ],
-        axis=1,
-    )
-    stubs = {
-        i: PROPORTIONS.last_body * extent * ahead(mechanism, i, extent)
-        for i, points in ends.items()
-        if not len(points)
-    }
-    tips = ends | {
-        i: (pose.origins[i] + pose.rotations[i] @ stub)[None]
-        for i, stub in stubs.items()
-    }
+    half = PROPORTIONS.axis * extent * pose.axes
+    axes = np.stack([pose.origins - half, pose.origins + half], axis=1)
+    tips = dict(ends)
+    for i, points in ends.items():
+        if not len(points):
+            stub = PROPORTIONS.last_body * extent * ahead(mechanism, i, extent)
+            tips[i] = (pose.origins[i] + pose.rotations[i] @ stub)[None]
     cloud = np.vstack(
         [np.zeros((1, 3)), pose.origins, axes.reshape(-1, 3), *tips.values()]
     )
@@ -191,12 +182,10 @@ def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawi
         cloud, pose.up, _LAYOUT.row * ((len(seen) + 1) // 2) + 2 * _LAYOUT.margin
     )
     height = place.height
-    anchors = {
-        body.index: place(
-            0.5 * (pose.origins[body.index] + tips[body.index].mean(axis=0))
-        )
-        for body in seen
-    }
+    anchors = {}
+    for body in seen:
+        end = tips[body.index].mean(axis=0)
+        anchors[body.index] = place(0.5 * (pose.origins[body.index] + end))
     labels = _labels(anchors, height)
     by_index = {body.index: body for body in seen}
     links = []

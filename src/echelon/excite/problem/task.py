@@ -456,16 +456,44 @@ def _clearance(
     limits: ResolvedLimits,
     findings: list[Finding],
 ) -> Clearance | None:
-    """Distances between bodies, and to obstacles."""
-    section, file, folder = (
-        entry.collisions,
-        setup.robot_file,
-        Path(setup.source).parent,
-    )
+    """Distances between bodies, and to obstacles, as far as the robot can keep them."""
     if "collisions" not in entry.model_fields_set:
         text = f"{UNCHECKED}: state the section collisions, with obstacles and shapes"
         findings.append(warning("collisions", setup.source, text))
         return None
+    section = entry.collisions
+    shapes, excluded = _shapes(setup, entry, mechanism, findings)
+    pure = replace(mechanism)  # without how the file was read
+    clearance = clearance_of(pure, shapes, section.clearance, excluded)
+    motion = loop_motion(mechanism)
+    lowered: list[str] = []
+    unchecked: list[str] = []
+    if section.ignore_touching:
+        each = zip(mechanism.independent_velocities, limits.middle, strict=True)
+        start = np.array([entry.centre.get(name, middle) for name, middle in each])
+        pose = motion.positioned(start[None]).q[0] if motion else start
+        found = without_touching(clearance, pose)
+        clearance = found.clearance
+        unchecked += found.unchecked
+    if len(clearance.pairs):
+        found = allowances_of(clearance, _random_poses(limits, motion, entry.seed))
+        clearance = found.clearance
+        lowered += found.lowered
+        unchecked += found.unchecked
+    findings += [note("collisions", setup.source, text) for text in lowered]
+    findings += [warning("collisions", setup.source, text) for text in unchecked]
+    return clearance
+
+
+def _shapes(
+    setup: Setup,
+    entry: ExcitationEntry,
+    mechanism: Mechanism,
+    findings: list[Finding],
+) -> tuple[list[Shape], list[tuple[str, str]]]:
+    """Shapes of the robot and of obstacles, and pairs of bodies that are not checked."""
+    section, file = entry.collisions, setup.robot_file
+    folder = Path(setup.source).parent
 
     def stated(key: str, entries: Sequence[Mapping[str, Any]]) -> tuple[Shape, ...]:
         def refused(place: int, problem: str) -> InputError:
@@ -491,33 +519,7 @@ def _clearance(
     shapes += [replace(shape, obstacle=True) for shape in around]
     if not section.self:
         excluded += combinations([body.name for body in mechanism.bodies], 2)
-    pure = replace(mechanism)  # without how the file was read
-    clearance = clearance_of(pure, shapes, section.clearance, excluded)
-    motion = loop_motion(mechanism)
-    lowered: list[str] = []
-    unchecked: list[str] = []
-    if section.ignore_touching:
-        names = mechanism.independent_velocities
-        start = np.array(
-            [
-                entry.centre.get(name, middle)
-                for name, middle in zip(names, limits.middle, strict=True)
-            ]
-        )
-        found = without_touching(
-            clearance, motion.positioned(start[None]).q[0] if motion else start
-        )
-        clearance, unchecked = found.clearance, [*found.unchecked]
-    if len(clearance.pairs):
-        found = allowances_of(clearance, _random_poses(limits, motion, entry.seed))
-        clearance, lowered, unchecked = (
-            found.clearance,
-            [*found.lowered],
-            [*unchecked, *found.unchecked],
-        )
-    findings += [note("collisions", setup.source, text) for text in lowered]
-    findings += [warning("collisions", setup.source, text) for text in unchecked]
-    return clearance
+    return shapes, excluded
 
 
 def _unreadable(notes: Sequence[str]) -> str:
