@@ -245,9 +245,8 @@ def by_pivots(matrix: Residues, field: PrimeField) -> dict[int, dict[int, int]]:
     reduced, pivots = reduced_echelon(matrix, field)
     found = {}
     for column in sorted(set(range(matrix.shape[1])) - set(pivots)):
-        values = reduced[: len(pivots), column].tolist()
-        pairs = zip(pivots, values, strict=True)
-        found[column] = {p: int(v) for p, v in pairs if p < column and v}
+        pairs = [(p, int(reduced[row, column])) for row, p in enumerate(pivots)]
+        found[column] = {p: value for p, value in pairs if p < column and value}
     return found
 
 

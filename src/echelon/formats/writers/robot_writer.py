@@ -97,8 +97,10 @@ def _with_values(mechanism: Mechanism, values: IdentifiedValues) -> Mechanism:
     """The mechanism as if its file had stated the identified values."""
     bodies = []
     for body, ten in zip(mechanism.bodies, values.bodies, strict=True):
-        inertial = tuple(np.asarray(ten, dtype=float).tolist())
-        bodies.append(replace(body, inertial=inertial if body.carried else None))
+        inertial = None
+        if body.carried:
+            inertial = tuple(np.asarray(ten, dtype=float).tolist())
+        bodies.append(replace(body, inertial=inertial))
     effects = tuple(
         replace(effect, value=values.effects[effect.parameter])
         for effect in mechanism.effects
