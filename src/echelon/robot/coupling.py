@@ -17,8 +17,9 @@ from echelon.shared import Floats
 
 T = TypeVar("T")
 _ZERO = Polynomial({})
-_CUBIC = 3
-_CELLS = 500
+_CUBIC = 3  # degree of a spline's powers behind its knots
+CELLS = 500
+"""Cells of a range, in each of which a bound of the second derivative bounds the slope."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Spline:
             return abs(self.ratio.at(symbols))
         if not isfinite(reach):
             return inf
-        slopes = self.floats(np.linspace(-reach, reach, 2 * _CELLS + 1)[1::2], symbols)[
+        slopes = self.floats(np.linspace(-reach, reach, 2 * CELLS + 1)[1::2], symbols)[
             1
         ]
         # |f″| is at most what the sizes of all terms add up to at the end, each knot counted from zero on
@@ -145,7 +146,7 @@ class Spline:
         bend = Spline(
             sizes.coefficients, tuple((0, size) for _, size in sizes.knots)
         ).floats(reach, {})[2]
-        return float(np.abs(slopes).max() + bend * reach / _CELLS)
+        return float(np.abs(slopes).max() + bend * reach / CELLS)
 
 
 def linear(ratio: Polynomial) -> Spline:

@@ -22,7 +22,7 @@ from pathlib import Path
 from echelon.shared.errors import InputError, one_line
 
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-_PERMISSIONS = 0o777
+_PERMISSIONS = stat.S_IRWXU | stat.S_IRWXG | stat.S_IRWXO
 
 _unfinished: set[Path] = set()
 """Temporary files that exist now."""

@@ -17,9 +17,11 @@ SPREAD = 1.5
 DECADES = 6.0
 """Orders of magnitude above and below one from which random values come."""
 PATIENCE = 40
-"""Steps after which a descent ends where no point violates its signs by a twentieth less than before."""
+"""Steps within which some point of a descent has to come nearer to its signs."""
 MOST_STEPS = 4 * PATIENCE
+"""Steps of a descent."""
 STAGNANT = 0.95
+"""Share of the violation before, beyond which a point has not come nearer."""
 UNREAL = 1e6
 """Violation, in units of a surface's first value, that counts for a value that is not finite."""
 

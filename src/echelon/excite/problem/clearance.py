@@ -42,8 +42,10 @@ from echelon.shared import EchelonError, Floats, InputError, Integers
 _OLDEST = (3, 12)
 """Versions of MuJoCo before this one have wrong distances, by up to decimetres, for some convex shapes far apart."""
 
-_TOLERANCE = 1e-10  # m
-_ITERATIONS = 200
+CCD_TOLERANCE = 1e-10
+"""Tolerance of MuJoCo's distances, m: slopes are taken from the points that are nearest."""
+CCD_ITERATIONS = 200
+"""Iterations of MuJoCo until that tolerance is met."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,10 @@ class Engine:
     def _compiled(self) -> Any:
         mujoco = self._mujoco
         spec = mujoco.MjSpec()
-        spec.option.ccd_tolerance, spec.option.ccd_iterations = _TOLERANCE, _ITERATIONS
+        spec.option.ccd_tolerance, spec.option.ccd_iterations = (
+            CCD_TOLERANCE,
+            CCD_ITERATIONS,
+        )
         for k, shape in enumerate(self.shapes):
             if shape.core is None or shape.kind in (
                 ShapeKind.SPHERE,

@@ -424,7 +424,7 @@ def is_motor(actuator: Any) -> bool:
 
 
 _ANCHOR, _POSITION, _QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)
-_TORQUE_SCALE = 10
+_TORQUE_SCALE = 10  # place of the data of a weld; it holds turns unless this is zero
 _BALL = ("w", "x", "y", "z")
 
 

@@ -51,7 +51,7 @@ _COMPUTED_WITH = (
     "clarabel",
     "pyarrow",
 )
-_BLOCK = 1 << 20
+_BLOCK = 1 << 20  # bytes of a log that are hashed at once
 
 
 @dataclass(frozen=True, repr=False)
