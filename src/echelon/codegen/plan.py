@@ -26,7 +26,7 @@ from echelon.algebra import (
 LONGEST_PART = 1000
 """Statements of one part: compilers take time that grows with the square."""
 FEW_RESULTS = 8
-"""Operations for each result, beyond which what is used more than once is named before any result is written."""
+"""Operations for each result, beyond which they are written as they were recorded, not result by result."""
 MOST_LEAVES = 8
 """Names and numbers in one expression: it still fits a line."""
 MOST_LEAVES_OF_ANGLE = 12

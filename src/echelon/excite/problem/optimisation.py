@@ -27,7 +27,7 @@ from echelon.excite.problem.state_limits import (
 from echelon.excite.problem.trajectory import Basis
 from echelon.shared import Floats
 
-SAMPLES_PER_PERIOD = 20
+GRID_PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
 
 SMALLEST_SIZE = 0.1
@@ -66,7 +66,7 @@ class Problem:
     def grid(self) -> Floats:
         """Samples at which limits are kept, s."""
         count = int(
-            np.ceil(SAMPLES_PER_PERIOD * self.basis.frequency * self.basis.duration)
+            np.ceil(GRID_PER_PERIOD * self.basis.frequency * self.basis.duration)
         )
         return np.linspace(0.0, self.basis.duration, count + 1)
 
