@@ -19,9 +19,7 @@ from echelon.shared import Floats, InputError
 Interval = tuple[Floats, Floats]  # least and largest values, of one shape
 
 _ROUNDING = 1e-14
-"""Error of a function as NumPy computes it, relative or, of sines, absolute."""
-_SLACK = 1e-12
-"""Part of a turn to which places of extremes and poles are known."""
+_SLACK = 1e-12  # turns: places of extremes and poles are known up to rounding
 _LARGEST = np.finfo(float).max
 _MONOTONIC = {Op.EXP: np.exp, Op.TANH: np.tanh, Op.ATAN: np.arctan, Op.SIGN: np.sign}
 
