@@ -17,7 +17,7 @@ import pytest
 
 from echelon.shared import files
 from echelon.shared.errors import InputError
-from echelon.shared.files import target_of, write_all, write_atomically, written_into
+from echelon.shared.files import FileTarget, write_all, write_atomically, written_into
 
 pytestmark = pytest.mark.skipif(
     os.name != "posix", reason="links, pipes, modes and signals of POSIX"
@@ -124,7 +124,7 @@ def test_what_cannot_be_written_is_said_before_anything_is(
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.rglob("*"))
     for write in (
-        target_of,
+        FileTarget.of,
         lambda path: write_all({Path("new"): "", Path("file"): "", Path(path): ""}),
     ):
         with pytest.raises(InputError) as caught:

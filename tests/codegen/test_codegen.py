@@ -19,7 +19,8 @@ from echelon.algebra.program.function import Argument, Function
 from echelon.algebra.program.operations import FUNCTIONS
 from echelon.algebra.program.tape import Program
 from echelon.cli.commands import app
-from echelon.codegen import TARGETS, Precision, views
+from echelon.codegen import TARGETS, views
+from echelon.codegen.language import Precision
 from echelon.codegen.source import Subject, generate, printed
 from echelon.dynamics.functions import FUNCTIONS as ALL
 from echelon.dynamics.functions import LOOP_FUNCTIONS

@@ -27,7 +27,8 @@ from echelon.cli.destination import MANIFEST
 from echelon.cli.generate import FUNCTIONS as LISTED_FUNCTIONS
 from echelon.cli.generate import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
 from echelon.cli.generate import TARGETS as LISTED_TARGETS
-from echelon.codegen import TARGETS, Precision
+from echelon.codegen import TARGETS
+from echelon.codegen.language import Precision
 from echelon.codegen.source import Subject, generate, printed
 from echelon.dynamics.functions import FUNCTIONS, LOOP_FUNCTIONS
 from support import generated_code as generated

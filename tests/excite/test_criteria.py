@@ -60,7 +60,7 @@ def test_smoothed_condition_tends_to_the_condition(
     F = information(3, 8, 0.3)
     gaps = []
     for power in (4, 8, 64, 512):
-        monkeypatch.setattr(criteria, "_SHARPNESS", power)
+        monkeypatch.setattr(criteria, "SHARPNESS", power)
         gaps.append(
             OptimalityCriterion("condition", np.ones(8)).evaluate(F)[0]
             - np.log(condition_number(F))

@@ -76,7 +76,7 @@ def test_samples_end_with_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
         np.testing.assert_allclose(np.diff(found.t)[:-1], 1 / rate, rtol=1e-9)
         assert found.t[-1] == duration
         assert found.t[-1] - found.t[-2] == pytest.approx(last, abs=1e-9)
-        monkeypatch.setattr(samples_module, "_AT_ONCE", 7 * there.basis.size)
+        monkeypatch.setattr(samples_module, "NUMBERS_AT_ONCE", 7 * there.basis.size)
         for whole, pieces in zip(
             found.states, sampled(there, rate).states, strict=True
         ):

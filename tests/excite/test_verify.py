@@ -214,7 +214,7 @@ def test_first_cells_may_be_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     motion, limits = sweep(3.0, 3), function_of(lambda q: (4 * q).sin() * q)
     expected = reached(motion, limits)
     for count in (1e-9, 100):
-        monkeypatch.setattr(cells, "PER_PERIOD", count)
+        monkeypatch.setattr(cells, "CELLS_PER_PERIOD", count)
         least, largest = reach(motion, limits)
         assert expected[0][0] - 0.4 <= least[0] <= expected[0][0] + 1e-9
         assert expected[1][0] - 1e-9 <= largest[0] <= expected[1][0] + 0.4

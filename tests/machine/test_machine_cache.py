@@ -300,7 +300,7 @@ def test_the_usual_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_old_entries_are_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(target, "_MOST_ENTRIES", 3)
+    monkeypatch.setattr(target, "MOST_ENTRIES", 3)
     folder.mkdir(parents=True, mode=0o700)
     (folder / "notes.txt").write_text("not ours", encoding="utf-8")
     for age, name in enumerate("abcde"):

@@ -281,8 +281,8 @@ FAULTS = (
     ),
     Fault(
         "cli/commands.py",
-        "VALID if found.equal else REFUTED",
-        "VALID",
+        "Exit.VALID if found.equal else Exit.REFUTED",
+        "Exit.VALID",
         "exit code of an audit",
         "claims/test_audit_reading.py",
     ),
@@ -302,7 +302,7 @@ FAULTS = (
     ),
     Fault(
         "cli/process.py",
-        "SystemExit(SIGNALLED + number)",
+        "SystemExit(_SIGNALLED + number)",
         "SystemExit(number)",
         "exit code of an interruption",
         "cli/test_faults.py",

@@ -143,7 +143,7 @@ def test_plots_follow(driven: dict) -> None:
     assert [name for name, _ in every] == ["j1", "j2"] * 3
     assert [name for name, _ in one] == ["position", "velocity", "acceleration"]
     assert driven["shapes"] == [[100, -100] * 3, [-2.5, 2.5, -2, 2, -20, 20]]
-    time = [6.0 * 100 / 700]  # a hundred samples in the period of the seventh harmonic
+    time = [6.0 * 100 / 1400]  # 200 samples in the period of the seventh harmonic
     assert [y for _, y in one] == pytest.approx(
         [run(time, order)[0, 1] for order in range(3)], rel=1e-5
     )

@@ -26,6 +26,7 @@ from echelon.report.page import (
     plotly_source,
     script_safe,
     significant,
+    stretches_for,
     with_uncertainty,
 )
 from echelon.report.report import TITLES, report_html
@@ -214,6 +215,17 @@ def test_without_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_settings_are_read_only_mappings(full: Identification) -> None:
     settings = MappingProxyType({"seed": np.int64(7), "cutoffs": np.array([1.5, 2.0])})
     assert '"seed": 7' in Page(report_html(replace(full, settings=settings))).words
+
+
+def test_intervals_have_the_level_of_the_settings(full: Identification) -> None:
+    narrow = replace(full, settings={**full.settings, "level": 0.5})
+    assert "50 % interval" in Page(report_html(narrow)).words
+    assert "95 % interval" in Page(report_html(full)).words
+
+
+def test_every_plot_has_stretches_enough_for_a_curve_and_no_more_than_pixels() -> None:
+    assert [stretches_for(count) for count in (0, 1, 10_000)] == [1200, 1200, 100]
+    assert 100 < stretches_for(200) < 1200
 
 
 # -- numbers -----------------------------------------------------------------------------------------------------------

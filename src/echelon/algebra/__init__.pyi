@@ -1,6 +1,7 @@
 """Names that other rooms may use, and where each is defined."""
 
 from echelon.algebra.exact.expressions import BEYOND_DOUBLES as BEYOND_DOUBLES
+from echelon.algebra.exact.expressions import LARGEST_EXPONENT as LARGEST_EXPONENT
 from echelon.algebra.exact.expressions import PER_PI as PER_PI
 from echelon.algebra.exact.expressions import PI as PI
 from echelon.algebra.exact.expressions import RESERVED as RESERVED
@@ -69,6 +70,7 @@ from echelon.algebra.exact.unknown_functions import SOLVING as SOLVING
 from echelon.algebra.exact.unknown_functions import UnknownFunctions as UnknownFunctions
 from echelon.algebra.exact.unknown_functions import Work as Work
 from echelon.algebra.exact.unknown_functions import persistent as persistent
+from echelon.algebra.program.arithmetics import BALL_BITS as BALL_BITS
 from echelon.algebra.program.arithmetics import BallArithmetic as BallArithmetic
 from echelon.algebra.program.arithmetics import arc_text as arc_text
 from echelon.algebra.program.arithmetics import ball as ball
@@ -95,6 +97,7 @@ from echelon.algebra.program.rewriting import smooth_function as smooth_function
 from echelon.algebra.program.rewriting import with_free_functions as with_free_functions
 from echelon.algebra.program.rewriting import with_values as with_values
 from echelon.algebra.program.sampling import sampler_of as sampler_of
+from echelon.algebra.program.schedule import BLOCK as BLOCK
 from echelon.algebra.program.schedule import FieldSampler as FieldSampler
 from echelon.algebra.program.schedule import FloatArithmetic as FloatArithmetic
 from echelon.algebra.program.schedule import Schedule as Schedule

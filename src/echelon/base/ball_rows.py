@@ -10,6 +10,7 @@ import flint
 import numpy as np
 
 from echelon.algebra import (
+    BALL_BITS,
     DEFAULT_SEED,
     BallArithmetic,
     Op,
@@ -24,7 +25,7 @@ from echelon.algebra import (
     random_generator,
     stated_ball,
 )
-from echelon.base.ball_tables import BALL_BITS, Balls, exponent
+from echelon.base.ball_tables import Balls, exponent
 from echelon.dynamics import LinearForms
 from echelon.robot import named_symbols, shown_loops, symbol_roles
 from echelon.shared import DegenerateSampleError, Floats, InputError

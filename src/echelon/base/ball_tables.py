@@ -19,8 +19,6 @@ from echelon.shared import Floats, pivoted_qr
 Balls = npt.NDArray[Any]
 """Array of ``arb``."""
 
-BALL_BITS = 512
-"""Usual precision of balls; comparisons and exchanges, which lose digits, take twice as many bits."""
 COEFFICIENT_DIGITS = 40
 """Significant digits of coefficients that are no short exact numbers."""
 SURPLUS_BITS = 40

@@ -322,8 +322,6 @@ def _degrees(
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
 
-LARGEST_SHARE = 0.5
-"""Share of the remaining work that one dependence may take."""
 PRIMES_OF_NUMBERS = 16
 """Primes for coefficients without symbols, whose fractions then have up to 74 digits."""
 
@@ -334,7 +332,7 @@ def closed_columns(
     rng: np.random.Generator,
     work: Work,
     report: Callable[[str], None],
-    share: float = LARGEST_SHARE,
+    share: float = 0.5,
 ) -> dict[int, Combination]:
     """The dependent columns with closed forms as combinations of pivot columns; each dependence may take a share."""
     raw: dict[int, Combination] = {column: {} for column in zero}

@@ -328,13 +328,8 @@ def _cell(text: str) -> str:
 
 def to_latex(model: _RobotSet | _LinearSet, *, full: bool = False) -> str:
     """A longtable-free LaTeX fragment: aligned equations that need only amsmath, and a comment with the facts."""
-    comments = [
-        f"% {line}"
-        for line in (
-            headline(model),
-            *(f"{a}: {b}" for a, b in facts(model, full=full)),
-        )
-    ]
+    comments = [f"% {headline(model)}"]
+    comments += [f"% {name}: {text}" for name, text in facts(model, full=full)]
     rows = _latex_rows(model, full=full)
     pages = [
         rows[k : k + LATEX_ROWS_PER_PAGE]

@@ -17,9 +17,8 @@ from typing import Any
 import flint
 import numpy as np
 
-from echelon.algebra import DEFAULT_SEED, ball, random_generator
+from echelon.algebra import BALL_BITS, DEFAULT_SEED, ball, random_generator
 from echelon.base.ball_rows import stated_generators
-from echelon.base.ball_tables import BALL_BITS
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import reconstruction_error
 from echelon.dynamics import LinearForms
@@ -138,16 +137,13 @@ def _balls(matrix: BaseMatrix, mechanism: Mechanism, at: dict[str, str]) -> Rows
     """The inertial part of B at the stated values, with lengths as multiples of the robot's."""
     values, weights = stated_generators(matrix.generators, at), _weights(mechanism)
     known = {id(c): c.evaluate(values, ball) for c in matrix.coefficients}
-    inertial = set(np.flatnonzero(np.isfinite(weights)).tolist())
-    return {
-        pivot: {
-            c: known[id(v)] * float(weights[c] / weights[pivot])
-            for c, v in row.items()
-            if c in inertial
-        }
-        for pivot, row in zip(matrix.pivots, matrix.rows, strict=True)
-        if pivot in inertial
-    }
+    rows: Rows = {}
+    for pivot, row in zip(matrix.pivots, matrix.rows, strict=True):
+        if np.isfinite(weights[pivot]):
+            inertial = {c: known[id(v)] for c, v in row.items() if weights[c] < np.inf}
+            own = weights[pivot]
+            rows[pivot] = {c: v * float(weights[c] / own) for c, v in inertial.items()}
+    return rows
 
 
 def _largest(rows: Rows) -> tuple[int, int] | None:

@@ -40,8 +40,10 @@ from echelon.shared import ClosedFormError, Form, extra
 with extra("symbolic"):
     import sympy
 
-SHORT_TERMS, MOST_TERMS = 64, 4096
-"""Terms of one value, multiplied out: where short forms are taken, and how far they are tried if asked for."""
+SHORT_TERMS = 64
+"""Terms of one value, multiplied out, up to which short forms are taken."""
+LONGEST_TERMS = SHORT_TERMS**2
+"""Terms up to which they are tried if they are asked for."""
 
 _RESERVED = {*keyword.kwlist, *IMPORTED, "sympy", "X"}
 
@@ -363,7 +365,7 @@ def symbolic_regressor(
     shared: tuple[tuple[Any, Any], ...] = ()
     formulas: list[Any] | None = None
     if form != "named":
-        most = SHORT_TERMS if form == "auto" else MOST_TERMS
+        most = SHORT_TERMS if form == "auto" else LONGEST_TERMS
         try:
             formulas = ShortForms(program, symbols, absolute or {}, most).formulas(
                 nodes

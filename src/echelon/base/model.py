@@ -92,17 +92,12 @@ class BaseSet(ABC):
             if self.matrix.numbers
             else []
         )
-        return tuple(
-            collect(
-                name,
-                unit,
-                [(self.parameters[c], value) for c, value in sorted(row.items())],
-                decimals,
-            )
-            for name, unit, row in zip(
-                self.pivots, self.units, self._shown_rows, strict=True
-            )
-        )
+        found = []
+        each = zip(self.pivots, self.units, self._shown_rows, strict=True)
+        for name, unit, row in each:
+            terms = [(self.parameters[c], value) for c, value in sorted(row.items())]
+            found.append(collect(name, unit, terms, decimals))
+        return tuple(found)
 
     @cached_property
     def readable(self) -> tuple[Expression, ...]:

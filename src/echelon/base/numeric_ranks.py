@@ -40,13 +40,14 @@ FEWEST_ROWS = 32
 """Rows of a sampled observation matrix at least, and rows beyond an expected rank."""
 MOST_SINGULAR_VALUES = 400
 """Expected rank above which a QR decomposition replaces the singular values, which take too long."""
-_RATE, _ACCELERATION = 3.0, 10.0  # largest random ones, rad/s and rad/s²
+_RATES = {"qd": 3.0, "qdd": 10.0}
+"""Largest random velocities and accelerations, rad/s and rad/s² or characteristic lengths."""
 BLOCK = 128
 """States that are evaluated together, so that the table of intermediate values stays small."""
-_FEW_STATES, _MOTIONS = (
-    100,
-    3,
-)  # closed states, of which more share poses: even one freedom shows as much at each
+FEW_STATES = 100
+"""Closed states of which each has a pose of its own."""
+SHARED_MOTIONS = 3
+"""Motions through each pose of more states: even one freedom shows as much at each."""
 _ROUNDING = float(np.finfo(np.float64).eps)
 _SINGLE_TO_DOUBLE = _ROUNDING / float(np.finfo(np.float32).eps)
 NOISE_FACTOR = 1e4
@@ -212,7 +213,7 @@ def _sampled(
         closed = forms.loops.assembly_at(symbols)
         count = -(-rows // max(1, len(mechanism.outputs)))
         states = closed.determined_states(
-            rng, count, motions=_MOTIONS if count > _FEW_STATES else 1
+            rng, count, motions=SHARED_MOTIONS if count > FEW_STATES else 1
         )
         found = evaluate_floats(forms, mechanism, *states, symbols, assembly=closed)
         stacked = found.reshape(-1, found.shape[2])[:, list(columns)]
@@ -310,10 +311,7 @@ def _scales(mechanism: Mechanism) -> dict[str, float]:
         )
         scales |= {f"q[{name}]": unit * turn for name in motion.positions}
         for name in motion.velocities:
-            scales |= {
-                f"qd[{name}]": unit * _RATE,
-                f"qdd[{name}]": unit * _ACCELERATION,
-            }
+            scales |= {f"{kind}[{name}]": unit * r for kind, r in _RATES.items()}
     return scales
 
 

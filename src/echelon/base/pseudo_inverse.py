@@ -203,17 +203,13 @@ def _rational(value: Any) -> RationalFunction:
         ) from None
 
 
-MOST_TERMS = 150_000
-"""Terms of the numerators of one block; more take minutes."""
-
-
 def pseudo_inverse(
     matrix: BaseMatrix,
     metric: Any,
     formulas: Mapping[str, Any],
-    most_terms: int = MOST_TERMS,
+    most_terms: int = 150_000,
 ) -> sympy.ImmutableMatrix:
-    """The inverse of B from the right that belongs to a metric."""
+    """The inverse of B from the right that belongs to a metric; more terms than most_terms in a block take minutes."""
     n = len(matrix.parameters)
     weights, _ = _cleared(metric_entries(metric, n))
     cleared = [_cleared(dict(row)) for row in matrix.rows]

@@ -16,8 +16,8 @@ from echelon.algebra import ARRAY_BITS, DEFAULT_SEED, PrimeField, random_generat
 from echelon.algebra import rank as rank_modulo
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_ranks import numeric_ranks
-from echelon.base.spectrum import RankSpectrum
-from echelon.base.stated_values import stated_structure
+from echelon.base.spectrum import CLEAR_GAP, RankSpectrum
+from echelon.base.stated_values import MOST_STRUCTURES, stated_structure
 from echelon.dynamics import LinearForms, assembly_of, joints_locked_by_loops
 from echelon.robot import (
     Assembled,
@@ -42,12 +42,10 @@ ROUNDING = 1e-9
 
 MOST_COLUMNS = 300
 """Columns whose float rank is compared; of more, a stretch of so many neighbours."""
-CLEAR_GAP = 1e3
-"""Ratio of neighbouring singular values that shows a rank; smaller ones come from motions near a pose."""
 LARGEST_RANK = 1000
 """Rank above which float ranks, which then take minutes, are not compared."""
-_MOST_TRIALS, _FEWEST_TRIALS = 600, 8
-"""Readings that are tried to find out which snaps matter, times the number of bodies, and at least."""
+FEWEST_TRIALS = 8
+"""Readings that are tried to find out which snaps matter, however many bodies there are."""
 
 
 @dataclass(frozen=True)
@@ -305,7 +303,7 @@ def _decisive(
     rng: np.random.Generator,
 ) -> list[str]:
     """Elements that change the rank when taken literally, by bisection; whole groups once enough has been tried."""
-    trials = iter(range(max(_FEWEST_TRIALS, _MOST_TRIALS // bodies)))
+    trials = iter(range(max(FEWEST_TRIALS, MOST_STRUCTURES // bodies)))
 
     def bisected(group: Sequence[str]) -> list[str]:
         if next(trials, None) is None:

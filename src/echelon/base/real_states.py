@@ -46,8 +46,10 @@ if TYPE_CHECKING:
 
 _BITS = (640, 1280, 2560)
 """Precisions that are tried: values of chains of loops fall smoothly past 1e-54."""
-_FIRST_ROWS, SURPLUS = 64, 20
-"""Rows at first, and rows beyond the rank; of more columns that seem independent, twice as many rows are taken."""
+FIRST_ROWS = 64
+"""Rows at first; where more columns seem independent, twice as many are taken."""
+SURPLUS = 20
+"""Rows beyond the rank."""
 OTHER_ROWS = 10
 """Rows at further poses, at which relations are checked."""
 MOST_POSES = 1000
@@ -112,7 +114,7 @@ class RealStates:
         DegenerateSampleError
             If entries have no values at most states.
         """
-        wanted = min(self.rows.forms.shape[1], _FIRST_ROWS)
+        wanted = min(self.rows.forms.shape[1], FIRST_ROWS)
         for bits, most in dict.fromkeys(
             ((_BITS[0], self.states.motions), *((bits, 1) for bits in _BITS))
         ):

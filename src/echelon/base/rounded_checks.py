@@ -11,9 +11,10 @@ from math import log10
 import flint
 import numpy as np
 
+from echelon.algebra import BALL_BITS
 from echelon.base.ball_checks import BallEvidence
 from echelon.base.ball_rows import ball_rows
-from echelon.base.ball_tables import BALL_BITS, combinations_of, doubles
+from echelon.base.ball_tables import combinations_of, doubles
 from echelon.base.elimination import SMALLEST_SHARE
 from echelon.base.matrix import BaseMatrix
 from echelon.base.spectrum import EXPLAINED, units_of

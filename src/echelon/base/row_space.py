@@ -19,6 +19,7 @@ import numpy as np
 
 from echelon.algebra import (
     AGREEING_POINTS,
+    BALL_BITS,
     DEFAULT_SEED,
     MOST_ATTEMPTS,
     SURPLUS_ROWS,
@@ -32,7 +33,7 @@ from echelon.algebra import (
     reduced_echelon,
 )
 from echelon.base.ball_rows import stated_generators
-from echelon.base.ball_tables import BALL_BITS, Balls, vanishes
+from echelon.base.ball_tables import Balls, vanishes
 from echelon.base.derive import base_parameters
 from echelon.base.elimination import eliminated
 from echelon.base.linear_base import LinearBase

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 from echelon.algebra import DEFAULT_SEED, Polynomial, cosine, random_generator, sine
+from echelon.base.stated_values import MOST_STRUCTURES
 from echelon.base.structure import find_structure
 from echelon.robot import (
     Mechanism,
@@ -26,8 +27,6 @@ _TURNS = (
     ("-90°", _ZERO, -_ONE),
 )
 _GRAVITY = "gravity"
-MOST_PAIRS = 200
-"""Pairs of special values that are tried: each takes a structure."""
 _AXES = (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)))
 
 
@@ -141,13 +140,13 @@ def special_geometry(
         if found != rank
     ]
     pairs = [(a, b) for a, b in combinations(single, 2) if not a.symbols & b.symbols]
-    for a, b in pairs[:MOST_PAIRS]:
+    for a, b in pairs[:MOST_STRUCTURES]:
         found = find_structure((a & b).of(mechanism), rng).rank
         if found < min(alone[a], alone[b]):
             cases.append(SpecialCase((a & b).text, found))
-    tried = len(single) + min(len(pairs), MOST_PAIRS)
+    tried = len(single) + min(len(pairs), MOST_STRUCTURES)
     return SpecialGeometry(
-        rank, tried, tuple(cases), seed, max(0, len(pairs) - MOST_PAIRS)
+        rank, tried, tuple(cases), seed, max(0, len(pairs) - MOST_STRUCTURES)
     )
 
 

@@ -18,9 +18,10 @@ import numpy as np
 
 from echelon.algebra import DEFAULT_SEED, random_generator
 from echelon.base.elimination import Independent
+from echelon.base.nudge import nudged
 from echelon.base.real_states import SURPLUS, RealStates
 from echelon.dynamics import rows_of
-from echelon.robot import Mechanism, characteristic_length, nudged
+from echelon.robot import Mechanism, characteristic_length
 from echelon.shared import MOST_NAMED, Floats
 
 EXPLAINED = 10_000.0
@@ -31,9 +32,11 @@ _PART = Fraction(1, 10_000)
 """Part of the last decimal by which numbers are changed."""
 DRAWS = 3
 """Random changes of the last decimals: in one alone, a value may stay by chance."""
-_KEEPS, _CHANGES = 0.02, 0.3
-"""Relative changes, for a change of numbers by a whole last decimal: up to the first, rounding does not make a value,
-as it would take fifty last decimals; from the second on, it is likely to do so."""
+FIRM_CHANGE = 0.02
+"""Relative change of a value, for a change of numbers by a whole last decimal, up to which rounding does not make it:
+that would take fifty last decimals."""
+LIKELY_CHANGE = 0.3
+"""Relative change from which on rounding is likely to make a value."""
 COARSE_ROUNDING = 1e-4
 """Last decimal, rad or a share of the size, from which fifty units are half a percent: nobody rounds so twice."""
 WIDEST_GAP = 1e4
@@ -129,8 +132,8 @@ def spectrum_of(
     if not mechanism.rounding or first == count:
         return RankSpectrum(shown, count, inf, (count,))
     changes = _changes(mechanism, states, columns, found)
-    firm = (np.arange(count) < first) | (changes < _KEEPS)
-    made = ~firm & (changes > _CHANGES)
+    firm = (np.arange(count) < first) | (changes < FIRM_CHANGE)
+    made = ~firm & (changes > LIKELY_CHANGE)
     coarse = mechanism.rounding > COARSE_ROUNDING
     if firm.all() or (coarse and not made.any()):
         return RankSpectrum(shown, count, inf, (count,))

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.algebra import (
+    BALL_BITS,
     SURPLUS_ROWS,
     Number,
     Polynomial,
@@ -32,7 +33,7 @@ from echelon.algebra import (
     substituted,
 )
 from echelon.base.ball_rows import ball_rows, stated_generators
-from echelon.base.ball_tables import BALL_BITS, Balls, ball_error, rounded
+from echelon.base.ball_tables import Balls, ball_error, rounded
 from echelon.base.closed_form import Dependence, PlacedDependence
 from echelon.base.matrix import StatedNumbers
 from echelon.robot import Mechanism, all_symbols, symbol_roles, value_texts

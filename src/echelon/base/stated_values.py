@@ -40,7 +40,7 @@ from echelon.robot import (
 from echelon.shared import DegenerateSampleError, EchelonError, InputError
 
 MOST_STRUCTURES = 400
-"""Structures of a search for relations; after it, values stand for relations that were not found."""
+"""Structures of one search, as for relations of values: a minute for a robot of six joints."""
 LARGEST_RATIO = 12
 """Numerator and denominator of ratios of symbols that count as meant."""
 

@@ -266,16 +266,11 @@ def _real_elimination(
 
 def _supports(ordered: Independent) -> dict[int, tuple[int, ...]]:
     """The pivots that dependent columns depend on."""
-    return {
-        dependent: tuple(
-            pivot
-            for pivot, value in zip(ordered.pivots, coefficients, strict=True)
-            if not vanishes(value, ordered.bits)
-        )
-        for dependent, coefficients in zip(
-            ordered.others, ordered.solution.T, strict=True
-        )
-    }
+    found = {}
+    for dependent, values in zip(ordered.others, ordered.solution.T, strict=True):
+        pairs = zip(ordered.pivots, values, strict=True)
+        found[dependent] = tuple(p for p, x in pairs if not vanishes(x, ordered.bits))
+    return found
 
 
 def _not_local(

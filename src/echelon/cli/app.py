@@ -195,16 +195,6 @@ _READING: dict[str, tuple[Any, Any]] = {
     "floating": (Floating, False),
     "gravity": (Gravity, "file"),
     "snap_tolerance": (SnapTolerance, None),
-    "keep_fixed_links": (KeepFixedLinks, False),
-    "massless": (Massless, None),
-    "ignore": (Ignore, None),
-    "mimic": (
-        Annotated[
-            Literal["coupled", "independent"],
-            typer.Option(help="Respect mimic joints, or treat them as independent."),
-        ],
-        "coupled",
-    ),
     "numeric": (
         Annotated[
             bool,
@@ -215,6 +205,15 @@ _READING: dict[str, tuple[Any, Any]] = {
         ],
         False,
     ),
+    "mimic": (
+        Annotated[
+            Literal["coupled", "independent"],
+            typer.Option(help="Respect mimic joints, or treat them as independent."),
+        ],
+        "coupled",
+    ),
+    "keep_fixed_links": (KeepFixedLinks, False),
+    "massless": (Massless, None),
     "symbols": (
         Annotated[
             Literal["shared", "separate"],
@@ -224,6 +223,14 @@ _READING: dict[str, tuple[Any, Any]] = {
         ],
         "shared",
     ),
+    "measured": (
+        Annotated[
+            Measured,
+            typer.Option(help="Forces of all drives, or the sensors of an MJCF file."),
+        ],
+        "drives",
+    ),
+    "ignore": (Ignore, None),
     "model": (
         Annotated[
             str,
@@ -234,18 +241,22 @@ _READING: dict[str, tuple[Any, Any]] = {
         ],
         "",
     ),
-    "measured": (
-        Annotated[
-            Measured,
-            typer.Option(help="Forces of all drives, or the sensors of an MJCF file."),
-        ],
-        "drives",
-    ),
 }
 """How a robot is read: options by name, with their defaults."""
 
 
 Command = Callable[..., Any]
+
+
+AS_READ = (
+    "floating",
+    "gravity",
+    "snap_tolerance",
+    "keep_fixed_links",
+    "massless",
+    "ignore",
+)
+"""Options of reading that all commands have which need the whole robot."""
 
 
 def reads_robot(*names: str) -> Callable[[Command], Command]:
@@ -257,7 +268,8 @@ def reads_robot(*names: str) -> Callable[[Command], Command]:
             annotation=_READING[name][0],
             default=_READING[name][1],
         )
-        for name in names
+        for name in _READING
+        if name in names
     ]
 
     def extended(command: Command) -> Command:

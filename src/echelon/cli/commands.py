@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from echelon.cli.app import (
+    AS_READ,
     AsJson,
     Budget,
     Force,
@@ -26,32 +27,19 @@ from echelon.cli.app import (
     app,
     reads_robot,
 )
+from echelon.cli.process import Exit
 from echelon.cli.screen import json_text, show
 from echelon.compute import VARIABLES
 from echelon.shared import Estimator, InputError, ValuesToUse, one_line
 
 __all__ = ["app", "run"]
 
-BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
-
 Format = Literal["text", "json", "latex", "markdown"]
 Formulas = Literal["latex", "sympy"]
 
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
-@reads_robot(
-    "floating",
-    "gravity",
-    "snap_tolerance",
-    "numeric",
-    "mimic",
-    "keep_fixed_links",
-    "massless",
-    "symbols",
-    "measured",
-    "ignore",
-    "model",
-)
+@reads_robot(*AS_READ, "numeric", "mimic", "symbols", "measured", "model")
 def derive(
     robot: Robot,
     read: dict[str, Any],
@@ -205,15 +193,7 @@ def setup(
 @app.command(
     epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/"
 )
-@reads_robot(
-    "floating",
-    "gravity",
-    "snap_tolerance",
-    "keep_fixed_links",
-    "massless",
-    "ignore",
-    "model",
-)
+@reads_robot(*AS_READ, "model")
 def identify(
     setup: Annotated[
         Path,
@@ -324,15 +304,7 @@ def identify(
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
-@reads_robot(
-    "floating",
-    "gravity",
-    "snap_tolerance",
-    "keep_fixed_links",
-    "massless",
-    "ignore",
-    "model",
-)
+@reads_robot(*AS_READ, "model")
 def check(
     setup: Annotated[
         Path,
@@ -381,9 +353,6 @@ def predict(
     from echelon.cli.identify import run_predict
 
     run_predict(model, log, output_file(output, force), as_json=as_json)
-
-
-VALID, REFUTED = 0, 1
 
 
 Schema = Literal["description", "base-model", "linear-base", "identified", "trajectory"]
@@ -455,7 +424,7 @@ def audit(
         ignore=tuple(ignore or ()),
     )
     deliver(json_text(found.to_dict()) if as_json else found.to_text(), target)
-    raise typer.Exit(VALID if found.equal else REFUTED)
+    raise typer.Exit(Exit.VALID if found.equal else Exit.REFUTED)
 
 
 def _definitions(texts: Sequence[str]) -> dict[str, str]:
@@ -508,7 +477,7 @@ def run() -> None:
     try:
         app()
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        sys.exit(Exit.INTERRUPTED)
     except Exception as error:
         sys.exit(_report(error))
 
@@ -524,4 +493,4 @@ def _report(error: Exception) -> int:
         print(f"echelon: {one_line(str(error))}", file=sys.stderr)  # noqa: T201
     else:
         print_exception(error)
-    return BAD_INPUT if expected else INTERNAL
+    return Exit.BAD_INPUT if expected else Exit.INTERNAL

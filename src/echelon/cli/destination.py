@@ -19,7 +19,6 @@ from echelon.shared import (
     FileTarget,
     InputError,
     one_line,
-    target_of,
     write_all,
     written_into,
 )
@@ -57,7 +56,7 @@ class Destination:
         return list(paths)
 
     def _protect(self, paths: Iterable[Path]) -> None:
-        targets = [target_of(path) for path in paths]
+        targets = [FileTarget.of(path) for path in paths]
         read = {os.path.realpath(path) for path in READ}
         for target in targets:
             if str(target.path) in read and not target.stream:
@@ -106,7 +105,7 @@ def _manifests(contents: Mapping[Path, str | bytes]) -> dict[Path, str]:
     """Manifests that name the files, by their paths."""
     found: dict[Path, dict[str, str]] = {}
     for path, content in contents.items():
-        if path.exists() and target_of(path).stream:
+        if path.exists() and FileTarget.of(path).stream:
             continue
         actual = Path(os.path.realpath(path))
         manifest = actual.parent / MANIFEST

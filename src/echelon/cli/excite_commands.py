@@ -12,13 +12,12 @@ from typing import Annotated, Any
 
 import typer
 
-from echelon.cli.app import AsJson, Force, app, reads_robot
-from echelon.cli.process import SIGNALLED, stop_asked
+from echelon.cli.app import AS_READ, AsJson, Force, app, reads_robot
+from echelon.cli.process import Exit, stop_asked
 from echelon.cli.screen import steps
 from echelon.shared import Family, Optimality
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
-BROKEN = 1  # exit code where a limit is broken
 
 
 class SampleFormat(StrEnum):
@@ -55,9 +54,7 @@ Model = Annotated[
 @app.command(
     epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition"
 )
-@reads_robot(
-    "floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore"
-)
+@reads_robot(*AS_READ)
 def excite(
     setup: SetupFile,
     read: dict[str, Any],
@@ -184,15 +181,13 @@ def excite(
         as_json=as_json,
     )
     if asked.number:
-        raise typer.Exit(SIGNALLED + asked.number)
+        raise typer.Exit(asked.code)
 
 
 @app.command(
     epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html"
 )
-@reads_robot(
-    "floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless", "ignore"
-)
+@reads_robot(*AS_READ)
 def check_trajectory(
     setup: SetupFile,
     trajectory: Annotated[
@@ -233,7 +228,7 @@ def check_trajectory(
         page.write(preview_html(found))
     say(found, [] if page is None else [page.path], started, as_json=as_json)
     if not found.safe:
-        raise typer.Exit(BROKEN)
+        raise typer.Exit(Exit.REFUTED)
 
 
 def _stated(**changed: Any) -> dict[str, Any]:

@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from echelon.cli.app import Force, Ordering, Prefer, Seed, app, reading, reads_robot
+from echelon.cli.app import (
+    AS_READ,
+    Force,
+    Ordering,
+    Prefer,
+    Seed,
+    app,
+    reading,
+    reads_robot,
+)
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.shared import CertificateError, InputError, one_line
 
@@ -31,17 +40,7 @@ LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, clo
 
 
 @app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
-@reads_robot(
-    "floating",
-    "gravity",
-    "snap_tolerance",
-    "numeric",
-    "mimic",
-    "keep_fixed_links",
-    "massless",
-    "ignore",
-    "model",
-)
+@reads_robot(*AS_READ, "numeric", "mimic", "model")
 def generate(
     robot: Annotated[
         Path,
@@ -227,16 +226,14 @@ def _summary(
 ) -> dict[str, Any]:
     from echelon.codegen import operation_counts
 
-    functions = {
-        function.name: {
+    functions = {}
+    for function in source.functions:
+        arguments = {argument.name: len(argument) for argument in function.arguments}
+        functions[function.name] = {
             "shape": list(function.shape),
-            "arguments": {
-                argument.name: len(argument) for argument in function.arguments
-            },
+            "arguments": arguments,
             "operations": operation_counts(function),
         }
-        for function in source.functions
-    }
     return {
         "schema": SUMMARY,
         "robot": base.mechanism.name,

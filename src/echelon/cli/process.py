@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from enum import IntEnum
 from io import TextIOWrapper
 from types import FrameType
 from typing import Any
@@ -21,7 +22,20 @@ from typing import Any
 from echelon.shared import AssemblyWarning, DoubtWarning, SlowWarning, one_line
 
 _STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
-SIGNALLED = 128  # added to a signal's number, the exit code of a process that it ended
+_SIGNALLED = 128  # added to a signal's number, the exit code of a process that it ended
+
+
+class Exit(IntEnum):
+    """Exit codes; the first ones are those of the independent verifier, too."""
+
+    VALID = 0
+    REFUTED = 1  # a set is not valid, a claim is wrong, or a limit is broken
+    BAD_INPUT = 2
+    NOT_COVERED = 3  # by the checks of a set
+    INTERNAL = 70
+    INTERRUPTED = _SIGNALLED + signal.SIGINT
+
+
 _SHOW_CURSOR = b"\x1b[?25h"
 
 
@@ -51,6 +65,11 @@ class Asked:
     number: int = 0
     heard: bool = False  # whether somebody asks for it yet; before, a signal ends the command as any other
 
+    @property
+    def code(self) -> int:
+        """Exit code of a command that a signal stopped."""
+        return _SIGNALLED + self.number
+
     def stopped(self) -> bool:
         """Whether a signal asked to stop."""
         self.heard = True
@@ -68,7 +87,7 @@ def stop_asked(answer: str) -> Iterator[Asked]:
         if asked.number:
             if os.isatty(2):
                 os.write(2, _SHOW_CURSOR)
-            os._exit(SIGNALLED + number)
+            os._exit(_SIGNALLED + number)
         asked.number = number
         if os.isatty(2):
             os.write(2, f"{answer}\n".encode())
@@ -122,8 +141,8 @@ def _stop(number: int, frame: FrameType | None) -> None:
         if inner.f_code.co_filename.startswith("<frozen importlib"):
             _end(number, frame)
         inner = inner.f_back
-    raise SystemExit(SIGNALLED + number)
+    raise SystemExit(_SIGNALLED + number)
 
 
 def _end(number: int, _frame: FrameType | None) -> None:
-    os._exit(SIGNALLED + number)
+    os._exit(_SIGNALLED + number)

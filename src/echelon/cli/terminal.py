@@ -83,9 +83,7 @@ def print_identification(result: Identification) -> None:
         console.print(_hypotheses(result.hypotheses))
     for validation in result.pooled:
         console.print(_scores(validation))
-    console.print(
-        _parameters(result.base, estimate, float(result.settings.get("level", 0.95)))
-    )
+    console.print(_parameters(result.base, estimate, result.level))
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
         console.print(Text(result.feasibility.evidence))

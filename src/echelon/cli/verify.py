@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from echelon.base import Certificate, judge, load_set, verify
+from echelon.cli.process import Exit
 from echelon.cli.screen import json_text, show, steps
 from echelon.shared import CertificateError, one_line
-
-VALID, REFUTED, NOT_COVERED = 0, 1, 3
-"""Exit codes, which are those of the independent verifier, too."""
 
 
 def run_verify(file: Path, seed: int | None, *, as_json: bool) -> int:
@@ -23,21 +21,21 @@ def run_verify(file: Path, seed: int | None, *, as_json: bool) -> int:
             certificate = verify(model, seed, lambda phase: step(f"{title}: {phase}"))
             step(f"{title}: independent verifier")
             code, sentence = judge(file.read_bytes())
-        if code == REFUTED:
+        if code == Exit.REFUTED:
             raise CertificateError(f"the independent verifier says: {sentence}")
     except CertificateError as error:
         refusal = json_text({"valid": False, "reason": str(error)})
         show(refusal if as_json else f"{file}: NOT valid: {one_line(str(error))}")
-        return REFUTED
+        return Exit.REFUTED
     whole = (
-        not certificate.unchecked or code == VALID
+        not certificate.unchecked or code == Exit.VALID
     )  # the independent verifier takes minors at the stated values
     if as_json:
         show(_as_json(certificate, code, sentence, whole=whole))
     else:
         count = f"{certificate.rank} base parameters of {len(model.parameters)}"
         show(_as_text(f"{file}", count, certificate, sentence, whole=whole))
-    return VALID if whole else NOT_COVERED
+    return Exit.VALID if whole else Exit.NOT_COVERED
 
 
 def _as_json(certificate: Certificate, code: int, sentence: str, *, whole: bool) -> str:
@@ -49,7 +47,7 @@ def _as_json(certificate: Certificate, code: int, sentence: str, *, whole: bool)
             "rank": certificate.rank,
             "holds": certificate.holds,
             "certificate": evidence,
-            "independent": {"checked": code == VALID, "says": sentence},
+            "independent": {"checked": code == Exit.VALID, "says": sentence},
         }
     )
 

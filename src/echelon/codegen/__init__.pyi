@@ -2,7 +2,6 @@
 
 from echelon.codegen.constants import FROM_FILE as FROM_FILE
 from echelon.codegen.language import TARGETS as TARGETS
-from echelon.codegen.language import Precision as Precision
 from echelon.codegen.source import Source as Source
 from echelon.codegen.source import generate as generate
 from echelon.codegen.source import operation_counts as operation_counts

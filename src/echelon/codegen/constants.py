@@ -35,7 +35,8 @@ FROM_FILE = "file"  # the parameters that the robot's file states
 
 SHARED = ("inputs", "symbols")  # arguments of which a function holds only what it uses
 
-_MOST_BITS = 512
+MOST_BITS = 512
+"""Bits of an exact number, beyond which the nearest double stands for it."""
 
 
 @dataclass(frozen=True)
@@ -256,7 +257,7 @@ def _bounded(value: Number) -> Number:
         max(abs(part.numerator), part.denominator).bit_length()
         for part in parts_of(value)
     )
-    if longest <= _MOST_BITS:
+    if longest <= MOST_BITS:
         return value
     try:
         return Fraction(float(value)) if isinstance(value, Surd | Fraction) else value

@@ -30,7 +30,8 @@ signed sizeof spmd static std string struct super switch template test this thro
 typeid typename typeof union unsafe unsigned unsized use using var virtual void volatile where while with xor yield
 """
 _TAKEN = frozenset(_WORDS.split())
-_LONGEST = 48
+LONGEST_NAME = 48
+"""Characters of a name of a file or function that is made of a robot's name."""
 
 
 def identifier(text: str) -> str:
@@ -39,7 +40,7 @@ def identifier(text: str) -> str:
     >>> identifier("UR10 (e-series)"), identifier("3R"), identifier("*/ system(\"x\")"), identifier("class")
     ('ur10_e_series', 'robot_3r', 'system_x', 'class_robot')
     """
-    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")[:_LONGEST].strip("_")
+    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")[:LONGEST_NAME].strip("_")
     if not name or name[0].isdigit():
         name = f"robot_{name}".strip("_")
     return f"{name}_robot" if name in _TAKEN else name
@@ -48,7 +49,7 @@ def identifier(text: str) -> str:
 def checked_identifier(text: str) -> str:
     """A name that a user chose."""
     simple = re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", text)
-    if not simple or text.lower() in _TAKEN or len(text) > 2 * _LONGEST:
+    if not simple or text.lower() in _TAKEN or len(text) > 2 * LONGEST_NAME:
         raise InputError(
             f"'{one_line(text)}' cannot be used as a name: letters, digits and single underscores, starting with a "
             "letter, and no word that one of the target languages reserves"

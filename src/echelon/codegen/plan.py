@@ -23,11 +23,14 @@ from echelon.algebra import (
     waiting_places,
 )
 
-LONGEST_PART = 1000  # statements of one part, at most
-
-_FEW_RESULTS = 8  # operations for each result
-_MOST_LEAVES = 8
-_MOST_LEAVES_OF_ANGLE = 12
+LONGEST_PART = 1000
+"""Statements of one part: compilers take time that grows with the square."""
+FEW_RESULTS = 8
+"""Operations for each result, beyond which they are written as they were recorded, not result by result."""
+MOST_LEAVES = 8
+"""Names and numbers in one expression: it still fits a line."""
+MOST_LEAVES_OF_ANGLE = 12
+"""Names and numbers in an angle whose sine and cosine are computed first."""
 _ARITHMETIC = (Op.ADD, Op.SUB, Op.MUL, Op.NEG, Op.DIV)
 
 
@@ -68,7 +71,7 @@ def plan(function: Function, longest_part: int) -> FunctionPlan:
     angles = _angles(function)
     names = _sines_and_cosines(function, angles)
     writer = _Writer(function, names)
-    if _FEW_RESULTS * len(function.entries) < len(function.needed):
+    if FEW_RESULTS * len(function.entries) < len(function.needed):
         writer.prepare(function.program.needed(function.outputs, names))
     for entry, node in function.entries.items():
         writer.write(entry, node)
@@ -96,9 +99,7 @@ def _angles(function: Function) -> tuple[NamedAngle, ...]:
     found = dict.fromkeys(
         program.lhs[n] for n in function.needed if program.ops[n] in (Op.SIN, Op.COS)
     )
-    simple = [
-        n for n in found if _inlined_leaves(program, n, _MOST_LEAVES_OF_ANGLE) > 0
-    ]
+    simple = [n for n in found if _inlined_leaves(program, n, MOST_LEAVES_OF_ANGLE) > 0]
     place = {
         node: k
         for a in function.arguments
@@ -182,7 +183,7 @@ class _Writer:
         """Name a node that is used more than once, and operands that would make its expression too long."""
         for child in sorted(inner, key=self._leaves.__getitem__, reverse=True):
             if (
-                sum(self._leaves[n] for n in inner) > _MOST_LEAVES
+                sum(self._leaves[n] for n in inner) > MOST_LEAVES
                 and self._leaves[child] > 1
             ):
                 self._name(child)

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-_WIDTH = 112
+COMMENT_WIDTH = 112
+"""Characters of a line of comments."""
 
 
 class _AsciiStyle(TextStyle):
@@ -102,7 +103,7 @@ def _wrapped(line: str) -> list[str]:
     indent = " " * (len(line) - len(line.lstrip()) + 4)
     return wrap(
         line,
-        _WIDTH,
+        COMMENT_WIDTH,
         subsequent_indent=indent,
         break_long_words=False,
         break_on_hyphens=False,

@@ -119,7 +119,8 @@ WORK = "w"  # the array in which parts of a function pass values on
 
 LANES = 4  # angles whose sines and cosines are computed at once
 
-_MOST_ZEROS = 24
+MOST_ZEROS = 24
+"""Entries that are always zero, up to which each is assigned; of more, all entries are cleared first."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
     planned = plan(function, LONGEST_PART if language.splits else maxsize)
     places = () if language.zeroed else product(*map(range, function.shape))
     empty = [place for place in places if place not in function.entries]
-    fills = len(empty) > _MOST_ZEROS
+    fills = len(empty) > MOST_ZEROS
     printer = _Printer(planned, language, precision)
     parts = [printer.part(k) for k in range(len(planned.parts))]
     if empty and not fills:

@@ -10,15 +10,20 @@ a large tree at the cost of its bodies.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.algebra import FieldSampler, PrimeField, Program, rank, sampler_of
+from echelon.algebra import (
+    SURPLUS_ROWS,
+    FieldSampler,
+    PrimeField,
+    Program,
+    rank,
+    sampler_of,
+)
 from echelon.robot import ALL, GROUND, Mechanism, Side, StatedValues
-
-_SURPLUS_ROWS = 4
 
 
 @dataclass(frozen=True)
@@ -50,29 +55,12 @@ def blocks_of(mechanism: Mechanism) -> tuple[MovingBlock, ...]:
         for m in body.joint.motions
         for name in m.velocities
     }
-    groups = _Groups(len(bodies))
-    for index, body in enumerate(bodies):
-        if body.parent != GROUND and bodies[body.parent].carried != ALL:
-            groups.join((index, body.parent))
-    for sharing in mechanism.sharing:
-        groups.join(sharing)
-    for coupling in mechanism.couplings:
-        groups.join(
-            owner[name]
-            for name in (coupling.coordinate, *(name for name, _ in coupling.terms))
-        )
     places = _places_of_effects(mechanism, owner)
-    for some in places:
-        groups.join(some)
-    groups.close_paths([body.parent for body in bodies])
-    number = {
-        root: k
-        for k, root in enumerate(dict.fromkeys(map(groups.find, range(len(bodies)))))
-    }
-    block_of = [number[groups.find(index)] for index in range(len(bodies))]
-    members: list[list[int]] = [[] for _ in number]
-    carried: list[set[int]] = [set() for _ in number]
-    effects: list[list[int]] = [[] for _ in number]
+    block_of = _tied_bodies(mechanism, owner, places)
+    count = max(block_of, default=-1) + 1
+    members: list[list[int]] = [[] for _ in range(count)]
+    carried: list[set[int]] = [set() for _ in range(count)]
+    effects: list[list[int]] = [[] for _ in range(count)]
     for index, body in enumerate(bodies):
         members[block_of[index]].append(index)
         if body.parent != GROUND and block_of[body.parent] != block_of[index]:
@@ -80,24 +68,36 @@ def blocks_of(mechanism: Mechanism) -> tuple[MovingBlock, ...]:
     for k, some in enumerate(places):
         if some:
             effects[block_of[some[0]]].append(k)
-    names = [
-        [
-            n
-            for m in b.joint.motions
-            if m.name not in mechanism.dependent
-            for n in m.velocities
-        ]
-        for b in bodies
-    ]
-    return tuple(
-        MovingBlock(
-            tuple(inside),
-            tuple(n for i in inside for n in names[i]),
-            tuple(e),
-            tuple(sorted(c)),
-        )
-        for inside, e, c in zip(members, effects, carried, strict=True)
-    )
+    found = []
+    for inside, own, behind in zip(members, effects, carried, strict=True):
+        motions = [m for i in inside for m in bodies[i].joint.motions]
+        free = [m for m in motions if m.name not in mechanism.dependent]
+        names = tuple(name for motion in free for name in motion.velocities)
+        block = MovingBlock(tuple(inside), names, tuple(own), tuple(sorted(behind)))
+        found.append(block)
+    return tuple(found)
+
+
+def _tied_bodies(
+    mechanism: Mechanism, owner: Mapping[str, int], places: Sequence[Sequence[int]]
+) -> list[int]:
+    """For every body the number of its block, in the order of the first bodies of blocks."""
+    bodies = mechanism.bodies
+    groups = _Groups(len(bodies))
+    for index, body in enumerate(bodies):
+        if body.parent != GROUND and bodies[body.parent].carried != ALL:
+            groups.join((index, body.parent))
+    for sharing in mechanism.sharing:
+        groups.join(sharing)
+    for coupling in mechanism.couplings:
+        leaders = [name for name, _ in coupling.terms]
+        groups.join(owner[name] for name in (coupling.coordinate, *leaders))
+    for some in places:
+        groups.join(some)
+    groups.close_paths([body.parent for body in bodies])
+    roots = [groups.find(index) for index in range(len(bodies))]
+    number = {root: k for k, root in enumerate(dict.fromkeys(roots))}
+    return [number[root] for root in roots]
 
 
 def _places_of_effects(
@@ -107,14 +107,14 @@ def _places_of_effects(
     drives = {
         a.name: [name for name, _ in a.terms] for a in mechanism.transmission.actuators
     }
-    return [
-        [
-            owner[name]
-            for a in effect.actions
-            for name in ([a.at] if a.side is Side.JOINT else drives[a.at])
-        ]
-        for effect in mechanism.effects
-    ]
+    found = []
+    for effect in mechanism.effects:
+        names: list[str] = []
+        for action in effect.actions:
+            joint = action.side is Side.JOINT
+            names += [action.at] if joint else drives[action.at]
+        found.append([owner[name] for name in names])
+    return found
 
 
 class _Groups:
@@ -193,7 +193,7 @@ class BlockRows:
             if values
             else {name: field.draw(rng, (1,)) for name in names}
         )
-        states = max(map(len, owned), default=0) + _SURPLUS_ROWS
+        states = max(map(len, owned), default=0) + SURPLUS_ROWS
         residues = iter(sampler.evaluate(field, rng, states, geometry)[:, 0])
         full = []
         for entries, own in zip(chosen, owned, strict=True):

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from echelon.algebra import FloatArithmetic, Schedule
+from echelon.algebra import BLOCK, FloatArithmetic, Schedule
 from echelon.dynamics.linear_forms import LinearForms
 from echelon.robot import Mechanism, state_inputs, symbol_values
 from echelon.shared import Floats, InputError
 
 if TYPE_CHECKING:
     from echelon.loops import Assembly
-
-_BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
 
 
 def evaluate_floats(
@@ -75,8 +73,8 @@ def _evaluated(
             f"the measured input {missing} is needed; give it as inputs={{'{missing[2:-1]}': ...}}"
         )
     result = np.zeros((samples, *forms.shape))
-    for start in range(0, samples, _BLOCK):
-        block = slice(start, min(start + _BLOCK, samples))
+    for start in range(0, samples, BLOCK):
+        block = slice(start, min(start + BLOCK, samples))
         leaves = {node: named[name][block] for node, name in names.items()}
         values = schedule.run(FloatArithmetic(), leaves, block.stop - block.start)
         for (row, column), value in zip(forms.entries, values, strict=True):

@@ -28,9 +28,11 @@ from echelon.loops import NEGLIGIBLE, Assembly, largest
 from echelon.robot import Mechanism, symbol_values
 from echelon.shared import Flags, Floats, InputError
 
-_STEP = 1e-9  # rad or characteristic lengths: what Newton's iteration leaves after a step that small is rounding
+LAST_STEP = 1e-9
+"""Step, rad or characteristic lengths, after which what Newton's iteration leaves is rounding."""
 _SINGULAR = NEGLIGIBLE**2  # pivots are squares
-_FEW = 8  # iterations near a closed configuration
+FEW = 8
+"""Iterations that lead from near a closed configuration to it."""
 
 
 class CompiledAssembly(Assembly):
@@ -48,10 +50,10 @@ class CompiledAssembly(Assembly):
     def near(self, guess: Floats) -> tuple[Floats, Flags]:
         """Closed configurations near guesses, with the same independent positions; and which of them were found."""
         q, done = guess, np.zeros(len(guess), dtype=np.bool_)
-        for _ in range(_FEW):
+        for _ in range(FEW):
             moved = self.run("closed_positions", q=q)
             done = (
-                largest((moved - q) / self.position_units) < _STEP
+                largest((moved - q) / self.position_units) < LAST_STEP
             )  # false where a singular one makes it NaN
             q = np.where(np.isfinite(moved), moved, q)
             if done.all():

@@ -37,8 +37,10 @@ if TYPE_CHECKING:
 
 Index = tuple[int, ...]
 
-_STATES = 8  # at which it is looked whether closures are redundant
-_DETERMINED = 1e-9  # is lacking at the most, of what rounding leaves in poses that are closed to 1e-12
+STATES = 8
+"""Random states that show whether closures are redundant."""
+DETERMINED = 1e-9
+"""Part of a motion that closures leave undetermined at most, in poses that are closed to 1e-12."""
 _COMPONENTS = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
 
 
@@ -97,7 +99,7 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
         _labelled(motion.closing_wrenches(forces)),
         _determined(mechanism, motion),
     )
-    kept = tuple(name for name, share in shares.items() if share > 1 - _DETERMINED)
+    kept = tuple(name for name, share in shares.items() if share > 1 - DETERMINED)
     if not kept:
         raise InputError(
             "redundant constraints leave all forces of the closures undetermined"
@@ -150,7 +152,7 @@ def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, floa
         for name, value in _labelled(motion.determined()).items()
         if value.number is None
     }
-    values = real_inputs(mechanism, random_generator(DEFAULT_SEED), _STATES)
+    values = real_inputs(mechanism, random_generator(DEFAULT_SEED), STATES)
     schedule = Schedule(motion.program, [share.node for share in shares.values()])
     leaves = {
         node: values[motion.program.inputs[node].name] for node in schedule.leaves
@@ -158,7 +160,7 @@ def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, floa
     with np.errstate(
         invalid="ignore"
     ):  # a component that is zero in all poses has no share
-        found = schedule.run(FloatArithmetic(), leaves, _STATES)
+        found = schedule.run(FloatArithmetic(), leaves, STATES)
     least = zip(shares, found.min(axis=1).tolist(), strict=True)
     return {name: share for name, share in least if not np.isnan(share)}
 

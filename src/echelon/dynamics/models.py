@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.algebra import (
+    BALL_BITS,
     DEFAULT_SEED,
     BallArithmetic,
     FloatArithmetic,
@@ -183,9 +184,10 @@ def _recorded(
 
 _Powers = tuple[int, ...]  # parameter nodes, sorted, with repetition
 _Parts = dict[_Powers, Scalar]
-_LARGEST_DEGREE = 8
-_STATES = 16
-_BITS = 512
+LARGEST_DEGREE = 8
+"""Degree in the speeds up to which terms are separated."""
+STATES = 16
+"""Random states at which balls show what is zero."""
 """Precision at which what cancels is told from what does not: half of it is left of values of one."""
 
 
@@ -244,7 +246,7 @@ def _product(program: Program, a: _Parts, b: _Parts, where: str) -> _Parts:
     for left, x in a.items():
         for right, y in b.items():
             powers = tuple(sorted(left + right))
-            if len(powers) > _LARGEST_DEGREE:
+            if len(powers) > LARGEST_DEGREE:
                 raise InputError(_problem(program, powers), element=where)
             total[powers] = total.get(powers, program.zero) + x * y
     return total
@@ -265,15 +267,15 @@ def _vanishes(value: Scalar) -> bool:
         random_generator(DEFAULT_SEED),
     )
     schedule = points.rows
-    with flint.ctx.workprec(_BITS):
-        states = points.draw(rng, max(_STATES, points.count))
+    with flint.ctx.workprec(BALL_BITS):
+        states = points.draw(rng, max(STATES, points.count))
         leaves = points.leaves(schedule.leaves, states, [{}])
         found = schedule.run(BallArithmetic(), leaves, count_of(states))[0]
         real = [x for x in found if x.is_finite()]
         if not real:
             raise InputError("division by zero at every point")
         return all(
-            x.contains(0) and x.rad() < flint.arb(2) ** (-_BITS // 2) for x in real
+            x.contains(0) and x.rad() < flint.arb(2) ** (-BALL_BITS // 2) for x in real
         )
 
 

@@ -188,18 +188,13 @@ class RecordedOutputs:
         slopes = {
             (row, inputs[k]): Scalar(program, node) for (row, k), node in found.items()
         }
-        return {
-            (row, k): sum(
-                (
-                    slopes[row, n] * rate
-                    for n, rate in rates.items()
-                    if (row, n) in slopes
-                ),
-                program.zero,
-            )
-            for k, rates in enumerate(along)
-            for row in range(len(forces))
-        }
+        total: dict[Index, Scalar] = {}
+        for k, rates in enumerate(along):
+            for row in range(len(forces)):
+                known = [n for n in rates if (row, n) in slopes]
+                parts = (slopes[row, n] * rates[n] for n in known)
+                total[row, k] = sum(parts, program.zero)
+        return total
 
     def _derivatives(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
         """Derivatives by the state, by row and column."""

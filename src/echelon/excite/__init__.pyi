@@ -21,5 +21,6 @@ from echelon.excite.problem.task import UNCHECKED as UNCHECKED
 from echelon.excite.problem.task import changed as changed
 from echelon.excite.problem.task import task_of as task_of
 from echelon.excite.verify import ACTIVE as ACTIVE
+from echelon.excite.verify import SAMPLES_PER_PERIOD as SAMPLES_PER_PERIOD
 from echelon.excite.verify import Margin as Margin
 from echelon.excite.verify import when_kept as when_kept

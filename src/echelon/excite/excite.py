@@ -25,7 +25,8 @@ from echelon.identification import Finding, Setup, setup_of, warning, with_file_
 from echelon.robot import Readable
 from echelon.shared import Floats, InputError, __version__, public
 
-MOMENTS = 40  # times at which conditioning is reported
+MOMENTS = 40
+"""Times at which conditioning is reported: a curve over time still looks smooth."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,8 @@ class Closeness:
     nearest: tuple[str, ...]  # label of the pair at each time
 
 
-DISTANCE_RATE = 50.0  # Hz at which the smallest distance is shown: a body goes centimetres in between
+DISTANCE_RATE = 50.0
+"""Rate, Hz, at which the smallest distance is shown: a body goes centimetres in between."""
 
 
 def closeness_of(task: Task, trajectory: Trajectory) -> Closeness | None:

@@ -52,7 +52,8 @@ from echelon.robot import (
 )
 from echelon.shared import EchelonError, Floats, InputError, Integers
 
-ACTIVE = 0.02  # share of a limit's range within which it counts as active
+ACTIVE = 0.02
+"""Share of a limit's range within which it counts as active."""
 
 
 @dataclass(frozen=True)
@@ -106,12 +107,14 @@ def when_kept(margins: Iterable[Margin]) -> str:
     return "at every time"
 
 
-SHARP = (
-    1e-3  # share of a limit's range by which bounds may be wider than what is reached
-)
-_SHARE = 0.25  # share of the distance to a limit by which bounds may be wider than what is reached, where that is more
-PER_PERIOD = 10  # cells per period of the highest frequency, at first
-_HALVINGS = 12
+SHARP = 1e-3
+"""Share of a limit's range by which bounds may be wider than what is reached."""
+SPARE = 0.25
+"""Share of the distance to a limit by which bounds may be wider than what is reached, where that is more."""
+CELLS_PER_PERIOD = 10
+"""Cells of time per period of the highest frequency, at first."""
+HALVINGS = 12
+"""Halvings of a cell until what intervals still allow counts as reached, as where a function jumps."""
 
 
 def margins_between(
@@ -130,9 +133,7 @@ def margins_between(
 
 def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
     """Bounds of functions of the state at any time, each of shape (m,)."""
-    count = max(
-        int(np.ceil(PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 1
-    )
+    count = _per_period(CELLS_PER_PERIOD, trajectory)
     edges = np.linspace(0.0, trajectory.duration, count + 1)
     middles, halves = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     m = len(limits.labels)
@@ -141,7 +142,7 @@ def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
         np.full(m, -np.inf),
     )  # of cells that need not be halved
     met = np.full(m, np.inf), np.full(m, -np.inf)
-    for halving in range(_HALVINGS + 1):
+    for halving in range(HALVINGS + 1):
         points = limits.enclosures(ranges(trajectory, middles, 0 * halves))
         met = (
             np.minimum(met[0], points[0].min(axis=0)),
@@ -150,7 +151,7 @@ def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
         low, high = limits.enclosures(ranges(trajectory, middles, halves))
         below, above = _tolerances(limits, *met)
         vague = np.any((high > met[1] + above) | (low < met[0] - below), axis=1)
-        vague &= halving < _HALVINGS
+        vague &= halving < HALVINGS
         least = np.minimum(least, low[~vague].min(axis=0, initial=np.inf))
         largest = np.maximum(largest, high[~vague].max(axis=0, initial=-np.inf))
         if not vague.any():
@@ -160,6 +161,12 @@ def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
             [-1.0, 1.0], len(halves) // 2
         )
     return least, largest
+
+
+def _per_period(count: int, trajectory: Trajectory) -> int:
+    """Number of parts of a trajectory, a number for each period of its highest frequency."""
+    periods = trajectory.basis.frequency * trajectory.duration
+    return max(int(np.ceil(count * periods)), 2)
 
 
 def _tolerances(limits: Enclosed, low: Floats, high: Floats) -> tuple[Floats, Floats]:
@@ -174,8 +181,8 @@ def _tolerances(limits: Enclosed, low: Floats, high: Floats) -> tuple[Floats, Fl
         np.nan_to_num(low - limits.low, posinf=np.inf),
         np.nan_to_num(limits.high - high, posinf=np.inf),
     )
-    return np.maximum(sharp, _SHARE * np.abs(room[0])), np.maximum(
-        sharp, _SHARE * np.abs(room[1])
+    return np.maximum(sharp, SPARE * np.abs(room[0])), np.maximum(
+        sharp, SPARE * np.abs(room[1])
     )
 
 
@@ -197,10 +204,10 @@ def ranges(
 _SHARPER = (SHARP, SHARP / 100, SHARP / 10_000)
 """Share of a limit's range by which bounds may be wider than what is reached: one after the other where that decides
 whether a limit is kept."""
-_COARSE, _MOST = (
-    200,
-    1_000_000,
-)  # samples of a limit of the motion, at least and at most
+SAMPLES_PER_PERIOD = 200
+"""Samples per period of the highest frequency: between them a sine rises by 0.01 % of its amplitude."""
+MOST_SAMPLES = 1_000_000
+"""Samples of a limit of the motion: bounds of motions with more periods are wider than they need be."""
 
 
 def motion_margins(
@@ -219,13 +226,14 @@ def _motion_margin(trajectory: Trajectory, limit: MotionLimit) -> Margin:
         if np.isfinite(span)
         else max(abs(x) for x in (limit.low, limit.high) if np.isfinite(x))
     )
+    coarse = min(_per_period(SAMPLES_PER_PERIOD, trajectory), MOST_SAMPLES)
     for sharp in _SHARPER:
         step = (
             np.sqrt(8 * sharp * size / curvature)
             if curvature > 0 and size > 0
             else np.inf
         )
-        count = int(np.clip(trajectory.duration / step, _COARSE, _MOST))
+        count = int(np.clip(trajectory.duration / step, coarse, MOST_SAMPLES))
         times = np.linspace(0.0, trajectory.duration, count + 1)
         values = trajectory.basis.motion(times, combined, limit.order)
         more = curvature * (trajectory.duration / count) ** 2 / 8
@@ -242,24 +250,13 @@ def _motion_margin(trajectory: Trajectory, limit: MotionLimit) -> Margin:
     )
 
 
-SAMPLES_PER_PERIOD = 200
-"""Samples per period of the highest frequency: between them a sine rises by 0.01 % of its amplitude."""
-
-
 def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
     """Margins of a trajectory with closed loops, at samples, in the order of the limits.
 
     Where the loops cannot be closed, or another way of assembly turns up, no margin is left to singular poses, and all
     others count as broken.
     """
-    count = max(
-        int(
-            np.ceil(
-                SAMPLES_PER_PERIOD * trajectory.basis.frequency * trajectory.duration
-            )
-        ),
-        2,
-    )
+    count = _per_period(SAMPLES_PER_PERIOD, trajectory)
     times = np.linspace(0.0, trajectory.duration, count + 1)
     states = trajectory.states(times)
     low = np.array([FULL_WEIGHT, *limits.low[1:]])
@@ -390,11 +387,12 @@ class MotionBounds:
             body = self.mechanism.bodies[body].parent
 
 
-_FIRST = 64  # intervals to begin with
-_BATCH = 4096  # intervals that are looked at together
-_TOUCH = 0.05  # share of the clearance by which a distance may be larger than its bound
-SPARE = 0.25  # share of the room above the clearance that a bound may give away
-FINEST = 0.02  # share of the tolerance that a bound may give away however little room there is
+BATCH = 4096
+"""Intervals that are looked at together, so that tables of their shapes stay small."""
+TOLERANCE = 0.05
+"""Share of the clearance, or without one of a metre, by which a distance may be larger than its bound."""
+FINEST = 0.02
+"""Share of the tolerance that a bound may give away however little room there is."""
 
 
 class LeastClearances:
@@ -438,11 +436,11 @@ class LeastClearances:
 
     def _run(self) -> None:
         """Halve intervals until none is left."""
-        half = self.trajectory.duration / (2 * _FIRST)
-        middle = np.repeat(half * (1 + 2 * np.arange(_FIRST)), len(self.motion_bounds))
-        pair = np.tile(np.arange(len(self.motion_bounds)), _FIRST)
+        half = self.trajectory.duration / 2
+        pair = np.arange(len(self.motion_bounds))
+        middle = np.full(len(pair), half)
         while len(middle):
-            parts = [slice(k, k + _BATCH) for k in range(0, len(middle), _BATCH)]
+            parts = [slice(k, k + BATCH) for k in range(0, len(middle), BATCH)]
             left = np.concatenate(
                 [self._examined(middle[part], pair[part], half) for part in parts]
             )
@@ -531,7 +529,7 @@ def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
         if isinstance(constraint, Enclosed):
             found += margins_between(constraint, *reach(trajectory, constraint))
         elif isinstance(constraint, Clearance):
-            tolerance = _TOUCH * constraint.low.max(initial=0.0) or _TOUCH
+            tolerance = TOLERANCE * constraint.low.max(initial=0.0) or TOLERANCE
             least = LeastClearances(constraint, trajectory, tolerance).bounds
             found += margins_between(constraint, least, np.full(len(least), np.inf))
         elif isinstance(constraint, LoopLimits):

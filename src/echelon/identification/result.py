@@ -261,6 +261,11 @@ class Identification:
             + (f"… {left} more" if left else "")
         )
 
+    @property
+    def level(self) -> float:
+        """Probability with which an interval contains the true value of its parameter."""
+        return float(self.settings.get("level", 0.95))
+
     def __repr__(self) -> str:
         logs = counted(len(self.logs), "log")
         return f"Identification({self.base.mechanism.name}: {self.base.rank} base parameters, {logs})"
@@ -268,8 +273,7 @@ class Identification:
 
 def _columns(result: Identification) -> dict[str, Sequence[Any]]:
     """Base parameters by column: name, closed form, unit, the value of predictions, and the estimate's interval."""
-    level = float(result.settings.get("level", 0.95))
-    low, high = result.estimate.interval(level).T
+    low, high = result.estimate.interval(result.level).T
     return {
         "parameter": list(result.base.pivots),
         "expression": [str(expression) for expression in result.base.expressions],

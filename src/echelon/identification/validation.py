@@ -32,7 +32,7 @@ from echelon.identification.scores import (
     Validation,
     fits,
 )
-from echelon.identification.signals.spectrum import white_noise
+from echelon.identification.signals.spectrum import SHOWING, white_noise
 from echelon.identification.traces import LIMIT, TraceKeeper
 from echelon.identification.verdict import verdict
 from echelon.robot import Mechanism
@@ -43,7 +43,6 @@ Models = Mapping[str, Floats]
 BESIDE = ("prior", "plain")
 """What the identified model is compared with: the model one had before, and one without friction, fitted alike."""
 # samples of a stretch that tell the noise of its sensor, to a hundredth
-SHOWING_NOISE = 1 << 14
 NOISE_ORDER = 4  # of the differences that leave the noise of a sensor: motion is slow against its samples
 _NAN = float("nan")
 
@@ -202,7 +201,7 @@ class _Tally:
         if np.isfinite(some.fastest):
             self._fastest = float(np.fmax(self._fastest, some.fastest))
         if len(raw) > NOISE_ORDER:
-            self._noise += len(raw) * white_noise(raw[:SHOWING_NOISE], NOISE_ORDER) ** 2
+            self._noise += len(raw) * white_noise(raw[:SHOWING], NOISE_ORDER) ** 2
             self._count += len(raw)
         if len(y):
             self._correlations.add(some.times, y - some.predicted[:, 0], where)

@@ -31,13 +31,13 @@ def pooled(validations: Sequence[Validation]) -> Validation:
     first = validations[0]
     if len(validations) == 1:
         return first
-    scores, prior, plain = (
-        tuple(
-            reduce(Score.__add__, scores)
-            for scores in zip(*(getattr(v, name) for v in validations), strict=True)
-        )
-        for name in ("scores", "prior_scores", "plain_scores")
-    )
+
+    def summed(name: str) -> tuple[Score, ...]:
+        of_logs = [getattr(validation, name) for validation in validations]
+        of_outputs = zip(*of_logs, strict=True)
+        return tuple(reduce(Score.__add__, some) for some in of_outputs)
+
+    scores, prior, plain = map(summed, ("scores", "prior_scores", "plain_scores"))
     found = Validation(
         f"{len(validations)} logs together", first.role, scores, prior, plain
     )

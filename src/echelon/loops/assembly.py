@@ -62,10 +62,17 @@ NEARBY = 4
 TOGETHER = 64
 """Random configurations that are drawn at once, which takes little longer than to draw one."""
 
-_ITERATIONS = 100  # from anywhere
-_NEAR = 1.0  # to a pose that is stated, rad or characteristic lengths; to zero, if none is, any
-_FALL = 10.0  # of singular values: by what those that closures hold exceed those that rounding makes
-_WALK = 20  # random moves from the assembly pose
+ITERATIONS = 100
+"""Gauss–Newton steps that lead from anywhere to a closed configuration."""
+
+NEAR = 1.0
+"""Distance from a stated pose, rad or characteristic lengths, within which the closed pose is the one that is meant."""
+
+FALL = 10.0
+"""Factor by which singular values that closures hold exceed those that rounding makes."""
+
+WALK = 20
+"""Random moves from the assembly pose to a random configuration."""
 
 
 class Assembly(ClosedMotion):
@@ -130,7 +137,7 @@ class Assembly(ClosedMotion):
         ):  # rad or lengths, by rad or lengths that move
             idle = f"{shown_loops(self.mechanism)} hold nothing that can move: leave them out"
             raise InputError(idle, element="loops")
-        rank = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, _FALL)
+        rank = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, FALL)
         order = pivoted_qr(jacobian.swapaxes(1, 2).reshape(-1, jacobian.shape[1]))[1]
         return sorted(order[:rank].tolist()), nearest
 
@@ -139,7 +146,7 @@ class Assembly(ClosedMotion):
         q, done = self.closed(self._stated[None])
         if not done[0] or self._distances(q).max(initial=0.0) > STRIDE:
             # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too
-            farthest = _NEAR if self.mechanism.assembly else np.pi
+            farthest = NEAR if self.mechanism.assembly else np.pi
             q, _ = self.closed(
                 self._disturbed(np.linspace(0.0, farthest, TOGETHER)[:, None])
             )
@@ -265,7 +272,7 @@ class Assembly(ClosedMotion):
         return np.stack(found, axis=1)
 
     def closed(
-        self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS
+        self, q: Floats, held: Sequence[str] = (), iterations: int = ITERATIONS
     ) -> tuple[Floats, Flags]:
         """Closed configurations near guesses (N, positions), and which of them close; others get as near as they can.
 
@@ -367,7 +374,7 @@ class Assembly(ClosedMotion):
 
     @one_thread()
     def random_closed_states(
-        self, rng: np.random.Generator, count: int, moves: int = _WALK, motions: int = 1
+        self, rng: np.random.Generator, count: int, moves: int = WALK, motions: int = 1
     ) -> tuple[Floats, Floats, Floats]:
         """Random q, qd and qdd of all coordinates, of some motions at each configuration.
 

@@ -28,7 +28,7 @@ from echelon.algebra import (
     stated_ball,
 )
 from echelon.loops.closed_motion import CLOSED, NEGLIGIBLE, NOISE, RATE
-from echelon.loops.recorded_loops import STEPS, Loops, floats_of
+from echelon.loops.recorded_loops import FINENESS, Loops, floats_of
 from echelon.robot import MotionKind, quaternion_times
 from echelon.shared import Floats, InputError, Integers, pivoted_qr
 
@@ -38,13 +38,12 @@ Balls = npt.NDArray[Any]
 Values = dict[str, Balls]
 """By the names of coordinates, freedoms or inputs, each of shape (poses,)."""
 
-_LAST = (
-    0.9  # weight of the last column where the longest is taken next; the first has 1
-)
-_LARGEST_EXPONENT = (
-    40.0  # of exponentials of speeds that are more than nothing beside others
-)
-_DOUBLINGS = 20  # of speeds where signs or exponentials occur: from a millionth to a million of the usual ones
+LAST_WEIGHT = 0.9
+"""Weight of the last column where the longest is taken next; the first has 1."""
+LARGEST_EXPONENT = 40.0
+"""Largest argument of exponentials of speeds: beyond, they leave nothing of others."""
+DOUBLINGS = 20
+"""Doublings of speeds where signs or exponentials occur: from a millionth to a million of the usual ones."""
 
 _middle = np.frompyfunc(lambda x: x.mid(), 1, 1)
 _double = np.frompyfunc(lambda x: float(x.mid()), 1, 1)
@@ -191,7 +190,7 @@ class ClosedBalls:
         known |= _inputs(
             "q", dict(zip(self.loops.mechanism.positions, self._real.T, strict=True))
         )
-        for halvings in range(_DOUBLINGS):
+        for halvings in range(DOUBLINGS):
             rest, pace = np.ones(count), 0.5**halvings
             moving = {f"qd[{name}]": pace * RATE * rest for name in self._names}
             leaves = {
@@ -200,7 +199,7 @@ class ClosedBalls:
             }
             if (
                 np.abs(schedule.run(FloatArithmetic(), leaves, count)).max(initial=0.0)
-                < _LARGEST_EXPONENT
+                < LARGEST_EXPONENT
             ):
                 return flint.arb(pace)
         return flint.arb(1)
@@ -252,7 +251,7 @@ class ClosedBalls:
         if ops.isdisjoint((Op.SIGN, Op.ABS)):
             return 1
         powers = rng.integers(
-            -_DOUBLINGS, 1 if Op.EXP in ops else _DOUBLINGS + 1, size=shape
+            -DOUBLINGS, 1 if Op.EXP in ops else DOUBLINGS + 1, size=shape
         )
         powers *= rng.integers(2, size=shape)
         return np.frompyfunc(lambda n: _power_of_two(int(n)), 1, 1)(powers)
@@ -491,7 +490,7 @@ def _solved(jacobian: Balls, chosen: _Choice, opening: Balls, free: Balls) -> Ba
 
 def _independent(matrix: Floats, count: int | None = None) -> list[int]:
     """Columns that span all columns, in doubles; of columns that are alike the first, whatever rounding says."""
-    sizes, order = pivoted_qr(matrix * np.linspace(1.0, _LAST, matrix.shape[1]))
+    sizes, order = pivoted_qr(matrix * np.linspace(1.0, LAST_WEIGHT, matrix.shape[1]))
     rank = (
         int((sizes > NEGLIGIBLE * sizes.max(initial=0.0)).sum())
         if count is None
@@ -520,7 +519,7 @@ def _power_of_two(exponent: int) -> Any:
 
 def random_balls(rng: np.random.Generator, shape: tuple[int, ...]) -> Balls:
     """Random exact numbers."""
-    numbers = rng.integers(-2 * STEPS, 2 * STEPS, size=shape)
+    numbers = rng.integers(-2 * FINENESS, 2 * FINENESS, size=shape)
     return np.asarray(
-        np.frompyfunc(lambda n: ball(Fraction(int(n), STEPS)), 1, 1)(numbers)
+        np.frompyfunc(lambda n: ball(Fraction(int(n), FINENESS)), 1, 1)(numbers)
     )

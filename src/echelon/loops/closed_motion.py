@@ -15,7 +15,7 @@ from typing import Generic, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from echelon.algebra import FloatArithmetic, Program, Schedule, StagedSchedule
+from echelon.algebra import BLOCK, FloatArithmetic, Program, Schedule, StagedSchedule
 from echelon.loops.closures import ClosureEquations, record_closures
 from echelon.robot import (
     Mechanism,
@@ -54,10 +54,8 @@ RATE = 2.0
 REMEMBERED = 8
 """Mechanisms of which what takes time is kept."""
 
-_BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
-_STEP = (
-    1e-30  # of a complex step: its square vanishes against 1, and nothing is subtracted
-)
+COMPLEX_STEP = 1e-30
+"""Imaginary step of a derivative: its square vanishes against 1, and nothing is subtracted."""
 
 T = TypeVar("T")
 _Numbers = npt.NDArray[np.inexact]
@@ -191,9 +189,10 @@ class ClosureValues:
         """Second derivatives of the equations by time while the velocities stay as they are, (N, equations)."""
         velocities = qd.shape[1]
         _, jacobian = self._run(
-            q + 1j * _STEP * position_rates(self.mechanism, q, qd), _ComplexArithmetic()
+            q + 1j * COMPLEX_STEP * position_rates(self.mechanism, q, qd),
+            _ComplexArithmetic(),
         )
-        rates = jacobian.imag[:, :, :velocities] / _STEP
+        rates = jacobian.imag[:, :, :velocities] / COMPLEX_STEP
         result: Floats = (rates @ (qd / self.units[:velocities])[:, :, None])[:, :, 0]
         return result
 
@@ -206,8 +205,8 @@ class ClosureValues:
         inputs, count = self._schedule.program.inputs, self._equations
         values = np.zeros((len(q), count), dtype=arithmetic.dtype)
         jacobian = np.zeros((len(q), count, len(self.freedoms)), dtype=arithmetic.dtype)
-        for start in range(0, len(q), _BLOCK):
-            block = slice(start, min(start + _BLOCK, len(q)))
+        for start in range(0, len(q), BLOCK):
+            block = slice(start, min(start + BLOCK, len(q)))
             leaves = {
                 n: q[block, self._columns[inputs[n].name]]
                 for n in self._schedule.leaves

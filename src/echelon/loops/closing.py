@@ -9,7 +9,7 @@ from functools import partial
 import flint
 import numpy as np
 
-from echelon.algebra import Program
+from echelon.algebra import BALL_BITS, Program
 from echelon.loops.assembly import NEARLY_FREE, Assembly
 from echelon.loops.closed_balls import closed_states
 from echelon.loops.closed_motion import CLEAR, NEGLIGIBLE, ClosedMotion, places
@@ -26,7 +26,6 @@ from echelon.robot import (
 )
 from echelon.shared import Floats, InputError, one_thread
 
-_BALL_BITS = 512
 _EXACTLY = (
     "Write what is meant exactly: directions and angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as "
     "equal numbers"
@@ -129,7 +128,7 @@ class _Real:
 
     def check(self) -> None:
         """Refuse loops that are not shown to close near the pose in ball arithmetic, as the numbers stand."""
-        with flint.ctx.workprec(_BALL_BITS):
+        with flint.ctx.workprec(BALL_BITS):
             _ = closed_states(self.loops, [{}], self.states[:1]).poses
 
     def _locked(self, pose: Floats) -> bool:

@@ -121,13 +121,13 @@ class DependentMotion:
         """Rates of all velocity coordinates by the names of inputs; independent ones are inputs, or still (zero)."""
         free = self.mechanism.independent_velocities
         zero = self.program.zero
-        qd, qdd = (
-            {
-                n: zero if kind in still else self.program.input(f"{kind}[{n}]")
-                for n in free
-            }
-            for kind in ("qd", "qdd")
-        )
+
+        def stated(kind: str) -> dict[str, Scalar]:
+            if kind in still:
+                return dict.fromkeys(free, zero)
+            return {n: self.program.input(f"{kind}[{n}]") for n in free}
+
+        qd, qdd = stated("qd"), stated("qdd")
         qd |= self._solved(self._opened(qd))
         opening = self._opened({name: qdd[name] for name in free})
         for row, value in self.bias(qd).items():

@@ -28,11 +28,11 @@ from echelon.robot import (
 )
 from echelon.shared import DegenerateSampleError, Floats, InputError
 
-STEPS = 256
-"""Of random numbers, to one."""
+FINENESS = 256
+"""Random numbers are multiples of its inverse, so that they are short."""
 _POOL_SEED = DEFAULT_SEED + 1
 """Seed of poses that show dependences; certificates draw others by their own seeds."""
-_SHARED = 4
+SHARED_MOTIONS = 4
 """Motions that share a pose: more show little that is new where many bodies are alike."""
 
 
@@ -103,7 +103,7 @@ class Loops:
     def motions(self) -> int:
         """Motions through one pose that show about as much as motions through several, which take longer to close."""
         freedoms = self.mechanism.degrees_of_freedom
-        return min(_SHARED, 1 + freedoms * (freedoms + 1) // 2)
+        return min(SHARED_MOTIONS, 1 + freedoms * (freedoms + 1) // 2)
 
     @cached_property
     def singular(self) -> bool:
@@ -191,8 +191,8 @@ def _closing_values(known: Keyed[Mechanism]) -> Mapping[str, str]:
 
 def _random_texts(rng: np.random.Generator, count: int) -> Iterable[str]:
     """Multiples of half a step between 1/2 and 3/2."""
-    drawn = rng.integers(STEPS, 3 * STEPS, size=count)
-    return (f"{number}/{2 * STEPS}" for number in drawn)
+    drawn = rng.integers(FINENESS, 3 * FINENESS, size=count)
+    return (f"{number}/{2 * FINENESS}" for number in drawn)
 
 
 def floats_of(values: Mapping[str, str]) -> dict[str, float]:

@@ -34,17 +34,32 @@ CLASSES = {
 
 Point = tuple[float, float]
 
-WIDTH, LABEL = (
-    940.0,
-    262.0,
-)  # width of the drawing, and of the columns of labels on both sides, px
 
-_ROW = 24.0  # height of a label
-_HEIGHTS = 180.0, 420.0  # of a drawing, if its labels need no more
-_MARGIN = 24.0
-_ELEVATION = 0.35  # how far the view looks down, rad
-_AXIS = 0.035  # half-length of a joint's axis, of the robot's extent
-_STUB = 0.2  # length of a last body, of the robot's extent
+@dataclass(frozen=True)
+class _Layout:
+    """Measures of a drawing, px."""
+
+    width: float = 940.0
+    label: float = 262.0  # width of the columns of labels on both sides
+    row: float = 24.0  # height of a label
+    least_height: float = 180.0
+    largest_height: float = 420.0  # if the labels need no more
+    margin: float = 24.0
+
+
+_LAYOUT = _Layout()
+
+
+@dataclass(frozen=True)
+class _Proportions:
+    """How a robot without stated shapes is drawn, flat or moving; lengths are shares of its extent."""
+
+    elevation: float = 0.4  # how far the view looks down, rad
+    axis: float = 0.035  # half-length of a joint's axis
+    last_body: float = 0.15  # length of a last body
+
+
+PROPORTIONS = _Proportions()
 
 
 @dataclass(frozen=True)
@@ -153,33 +168,24 @@ def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawi
     """A mechanism at a pose as a drawing."""
     ends = _ends(mechanism, pose)
     extent = _extent(np.vstack([pose.origins, *ends.values(), np.zeros((1, 3))]))
-    axes = np.stack(
-        [
-            pose.origins - _AXIS * extent * pose.axes,
-            pose.origins + _AXIS * extent * pose.axes,
-        ],
-        axis=1,
-    )
-    stubs = {
-        i: _STUB * extent * ahead(mechanism, i, extent)
-        for i, points in ends.items()
-        if not len(points)
-    }
-    tips = ends | {
-        i: (pose.origins[i] + pose.rotations[i] @ stub)[None]
-        for i, stub in stubs.items()
-    }
+    half = PROPORTIONS.axis * extent * pose.axes
+    axes = np.stack([pose.origins - half, pose.origins + half], axis=1)
+    tips = dict(ends)
+    for i, points in ends.items():
+        if not len(points):
+            stub = PROPORTIONS.last_body * extent * ahead(mechanism, i, extent)
+            tips[i] = (pose.origins[i] + pose.rotations[i] @ stub)[None]
     cloud = np.vstack(
         [np.zeros((1, 3)), pose.origins, axes.reshape(-1, 3), *tips.values()]
     )
-    place = _Paper(cloud, pose.up, _ROW * ((len(seen) + 1) // 2) + 2 * _MARGIN)
+    place = _Paper(
+        cloud, pose.up, _LAYOUT.row * ((len(seen) + 1) // 2) + 2 * _LAYOUT.margin
+    )
     height = place.height
-    anchors = {
-        body.index: place(
-            0.5 * (pose.origins[body.index] + tips[body.index].mean(axis=0))
-        )
-        for body in seen
-    }
+    anchors = {}
+    for body in seen:
+        end = tips[body.index].mean(axis=0)
+        anchors[body.index] = place(0.5 * (pose.origins[body.index] + end))
     labels = _labels(anchors, height)
     by_index = {body.index: body for body in seen}
     links = []
@@ -197,7 +203,7 @@ def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawi
     roots = [i for i, body in enumerate(mechanism.bodies) if body.parent == GROUND]
     origin = place(np.zeros(3))
     return Drawing(
-        WIDTH,
+        _LAYOUT.width,
         height,
         tuple(links),
         tuple((origin, place(pose.origins[i])) for i in roots),
@@ -240,23 +246,22 @@ class _Paper:
     """Points in space to points on paper."""
 
     def __init__(self, cloud: Floats, up: Floats, least: float) -> None:
-        self._axes = projection(
-            up, widest_view(cloud / _extent(cloud), up, _ELEVATION), _ELEVATION
-        )
+        elevation = PROPORTIONS.elevation
+        turn = widest_view(cloud / _extent(cloud), up, elevation)
+        self._axes = projection(up, turn, elevation)
         flat = cloud @ self._axes.T
         low, high = flat.min(axis=0), flat.max(axis=0)
         width, tall = np.maximum(
             high - low, 1e-9 * max(float(np.max(high - low)), 1e-300)
         )
-        room = WIDTH - 2 * LABEL - 2 * _MARGIN
-        self.height = max(
-            least, float(np.clip(room * tall / width + 2 * _MARGIN, *_HEIGHTS))
-        )
-        self._scale = float(min(room / width, (self.height - 2 * _MARGIN) / tall))
-        self._middle, self._centre = (
-            0.5 * (low + high),
-            np.array([WIDTH, self.height]) / 2,
-        )
+        margins = 2 * _LAYOUT.margin
+        room = _LAYOUT.width - 2 * _LAYOUT.label - margins
+        wanted = room * tall / width + margins
+        usual = np.clip(wanted, _LAYOUT.least_height, _LAYOUT.largest_height)
+        self.height = max(least, float(usual))
+        self._scale = float(min(room / width, (self.height - margins) / tall))
+        self._middle = 0.5 * (low + high)
+        self._centre = np.array([_LAYOUT.width, self.height]) / 2
 
     def __call__(self, point: Floats) -> Point:
         x, y = self._centre + self._scale * np.array([1.0, -1.0]) * (
@@ -278,31 +283,33 @@ def _labels(
         for index, y in zip(
             order, _apart([anchors[i][1] for i in order], height), strict=True
         ):
-            edge = LABEL if left else WIDTH - LABEL
+            edge = _LAYOUT.label if left else _LAYOUT.width - _LAYOUT.label
             bend = edge + 12 if left else edge - 12
-            found[index] = (
-                (0.0 if left else WIDTH - LABEL + 6, y),
-                ((edge, y), (bend, y), anchors[index]),
-            )
+            begin = 0.0 if left else edge + 6
+            found[index] = (begin, y), ((edge, y), (bend, y), anchors[index])
     return found
 
 
 def _apart(wanted: Sequence[float], height: float) -> list[float]:
     """Ascending heights near the wanted ones, a row apart, inside the drawing."""
-    low, high = _MARGIN, height - _MARGIN
     placed: list[float] = []
+    low = _LAYOUT.margin
     for y in wanted:
-        placed.append(max(y, placed[-1] + _ROW if placed else low))
-    for k in range(len(placed) - 1, -1, -1):
-        placed[k] = min(
-            placed[k], placed[k + 1] - _ROW if k + 1 < len(placed) else high
-        )
+        placed.append(max(y, low))
+        low = placed[-1] + _LAYOUT.row
+    high = height - _LAYOUT.margin
+    for k in reversed(range(len(placed))):
+        placed[k] = min(placed[k], high)
+        high = placed[k] - _LAYOUT.row
     return placed
 
 
-_BEND = 0.5  # rad, between neighbouring joints of a robot whose zero pose is a line
-_VIEWS = 12  # directions that are tried
-_FLAT = 0.15  # ratio of a pose's second extent to its first, below which it is called a line
+BEND = 0.5
+"""Angle, rad, between neighbouring joints of a robot whose zero pose is a line."""
+VIEWS = 12
+"""Directions of view that are tried: the widest of them is within 8° of the best one."""
+LINE_THICKNESS = 0.15
+"""Ratio of a pose's second extent to its first, below which it looks like a line."""
 
 
 @dataclass(frozen=True)
@@ -330,8 +337,8 @@ def drawable_pose(mechanism: Mechanism) -> Pose | None:
         extent = np.linalg.svd(
             straight.origins - straight.origins.mean(axis=0), compute_uv=False
         )
-        if extent[1] < _FLAT * extent[0]:
-            return pose_at(mechanism, positions_of(mechanism, _BEND), bent=True)
+        if extent[1] < LINE_THICKNESS * extent[0]:
+            return pose_at(mechanism, positions_of(mechanism, BEND), bent=True)
         return straight
     except EchelonError:
         return None
@@ -424,4 +431,5 @@ def widest_view(points: Floats, up: Floats, elevation: float) -> float:
             float(values[0] * values[1]), 6
         )  # rounded, so that the view is the same everywhere
 
-    return max((float(np.pi * (k + 0.25) / _VIEWS) for k in range(_VIEWS)), key=area)
+    turns: list[float] = (np.pi * (np.arange(VIEWS) + 0.25) / VIEWS).tolist()
+    return max(turns, key=area)

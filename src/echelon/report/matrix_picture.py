@@ -9,23 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
+from math import inf
 
 from echelon.algebra import RationalFunction
 from echelon.base import BaseModel, TextStyle, coefficient_text
+from echelon.report.page import FORM_WIDTH
 from echelon.robot import Mechanism, Parameter
-from echelon.shared import PARAMETERS, one_line
+from echelon.shared import PARAMETERS, one_line, shortened
 
 KINDS = ("pivot", "number", "length", "area", "other")
 """Kinds of coefficients: of the representative, a number, a length, a product of two lengths, anything else."""
 
-_WIDEST = 160  # characters of a closed form in a cell's text
-_CELLS = (
-    (75, 11.0),
-    (160, 7.0),
-    (420, 5.0),
-    (10_000, 3.0),
-)  # columns up to so many: size of a cell, px
-_READABLE = 9.0  # size of a cell beside which every row has a name
+_CELL_SIZES = {75: 11.0, 160: 7.0, 420: 5.0, inf: 3.0}
+"""Largest number of columns, and size of a cell, px.  Beside cells of the first size every row has a name."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +64,13 @@ class Picture:
 def matrix_picture(base: BaseModel) -> Picture:
     """The picture of a model's B."""
     mechanism, matrix = base.mechanism, base.matrix
-    size = next(
-        size
-        for columns, size in _CELLS
-        if len(matrix.parameters) <= columns or columns == _CELLS[-1][0]
-    )
+    enough = [most for most in _CELL_SIZES if len(matrix.parameters) <= most]
+    size = _CELL_SIZES[enough[0]]
     cells = []
     for i, (row, expression) in enumerate(
         zip(matrix.rows, base.expressions, strict=True)
     ):
-        pivot, whole = matrix.pivots[i], str(expression)
-        whole = whole if len(whole) <= _WIDEST else f"{whole[:_WIDEST]}…"
+        pivot, whole = matrix.pivots[i], shortened(str(expression), FORM_WIDTH)
         for column, coefficient in sorted(row.items()):
             kind = _kind(
                 coefficient,
@@ -91,7 +83,7 @@ def matrix_picture(base: BaseModel) -> Picture:
             cells.append(
                 Cell(size * column, size * i, kind, f"{name} × {factor} in {whole}")
             )
-    readable = size >= _READABLE
+    readable = len(enough) == len(_CELL_SIZES)
     titles = (
         one_line(p.name) if p.kind is None else PARAMETERS[p.kind]
         for p in mechanism.columns

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 
-_LARGEST, _SMALLEST = 6, -4  # decimal exponents that are still written out
+_WRITTEN_OUT = range(-4, 7)  # decimal exponents of numbers without a power of ten
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _MISSING = "–"
 
@@ -51,7 +51,7 @@ def significant(value: float, digits: int = 4) -> str:
     if special is not None:
         return special
     exponent = _exponent(value, digits)
-    if exponent > _LARGEST or exponent < _SMALLEST:
+    if exponent not in _WRITTEN_OUT:
         return _scientific(value, exponent, digits - 1)
     return _signed(f"{value:.{max(digits - 1 - exponent, 0)}f}")
 
@@ -68,7 +68,7 @@ def with_uncertainty(value: float, std: float) -> tuple[str, str]:
         std, 2
     )  # decimals that remain; negative for tens and hundreds
     exponent = max(_exponent(value, 17) if value else -place, 1 - place)
-    if exponent > _LARGEST or exponent < _SMALLEST:
+    if exponent not in _WRITTEN_OUT:
         decimals = max(exponent + place, 0)
         return _scientific(value, exponent, decimals), _scientific(
             std, exponent, decimals
@@ -141,8 +141,10 @@ def _signed(text: str) -> str:
 
 # -- closed forms ------------------------------------------------------------------------------------------------------
 
-_LONG = 72  # characters of a closed form that are shown at once
-_GROUPS = 3  # shown of one that is longer
+FORM_WIDTH = 72
+"""Characters of a closed form that are shown at once: a line of a table."""
+FIRST_GROUPS = 3
+"""Groups that are shown of a closed form that is longer."""
 
 
 class HtmlStyle(TextStyle):
@@ -207,11 +209,11 @@ class ClosedForms:
     def _form(self, expression: Expression) -> ClosedForm:
         text = str(expression)
         start = ""
-        if len(text) > _LONG and len(expression.groups) > 1:
+        if len(text) > FORM_WIDTH and len(expression.groups) > 1:
             start = closed_form(
-                replace(expression, groups=expression.groups[:_GROUPS]), self.style
+                replace(expression, groups=expression.groups[:FIRST_GROUPS]), self.style
             )
-            if len(expression.groups) <= _GROUPS:
+            if len(expression.groups) <= FIRST_GROUPS:
                 start = self.style.parameter(expression.name)
         terms = sum(len(group.parameters) for group in expression.groups)
         return ClosedForm(
@@ -237,8 +239,12 @@ def _indexed(stem: str, index: str) -> str:
 TEMPLATES = Path(__file__).with_name("templates")
 VAGUE_PERCENT = 30.0
 """Standard deviation, per cent of a value, beyond which pages call the value vague."""
-BYTES_PER_SAMPLE = 2 * 4 * 4 / 3
-"""Bytes of a time and a value, two floats in base 64."""
+PACKED_NUMBER_BYTES = 4 * 4 / 3
+"""Bytes of a number in a page, a 32-bit float in base 64."""
+PLOT_BYTES = 1_200_000
+"""Bytes of all plots of a page together, a quarter of those of the plotting library: the page opens as quickly."""
+FEWEST_STRETCHES, MOST_STRETCHES = 100, 1200
+"""Stretches of time in a plot: a curve still has a shape, and none is narrower than a pixel."""
 Context = dict[str, Any]  # what a template shows
 
 
@@ -274,6 +280,12 @@ def html_page(
         )
         + "\n"
     )
+
+
+def stretches_for(signals: int, most_bytes: int = PLOT_BYTES) -> int:
+    """Stretches of time into which each of some signals is cut; a time and a value of two samples stay of each."""
+    samples = most_bytes / (2 * PACKED_NUMBER_BYTES * max(signals, 1))
+    return int(np.clip(samples / 2, FEWEST_STRETCHES, MOST_STRETCHES))
 
 
 def render(

@@ -22,21 +22,30 @@ from echelon.dynamics import Kinematics, assembly_of
 from echelon.excite import (
     ACTIVE,
     ORDERS,
+    SAMPLES_PER_PERIOD,
     UNCHECKED,
     ExcitingTrajectory,
     Margin,
     when_kept,
 )
-from echelon.report.drawing import ahead, joint_axes, upward, widest_view
+from echelon.report.drawing import (
+    PROPORTIONS,
+    ahead,
+    joint_axes,
+    upward,
+    widest_view,
+)
 from echelon.report.outlines import outline
 from echelon.report.page import (
-    BYTES_PER_SAMPLE,
+    PACKED_NUMBER_BYTES,
+    PLOT_BYTES,
     VAGUE_PERCENT,
     ClosedForms,
     Context,
     html_page,
     packed,
     significant,
+    stretches_for,
 )
 from echelon.report.report import findings_of
 from echelon.report.signals import envelope
@@ -67,12 +76,12 @@ CRITERIA = {
 }
 """The criteria in words."""
 
-_ROOM = 0.1  # of the width of a picture, beside limits on both sides
-_PLOTTED = 3  # positions, velocities, accelerations
-_SUFFIXES = ("", "/s", "/s²")
-_PER_PERIOD = 100  # samples per period of the highest frequency
-_FEWEST, _MOST = 600, 20_000
-_BYTES = 500_000  # of all signals together
+ROOM_BESIDE_LIMITS = 0.1
+"""Share of the width of a picture that is left beside limits, on both sides."""
+MOST_SAMPLES = 20_000
+"""Samples of a coordinate that are evaluated for a plot: of a motion of some minutes all, of hours enough."""
+_SUFFIXES = ("", "/s", "/s²")  # units of positions, velocities, accelerations
+_PLOTTED = range(len(_SUFFIXES))
 
 
 @public
@@ -198,7 +207,7 @@ def _motion(found: ExcitingTrajectory) -> Context:
     quantities = [
         _quantity(name, order)
         for name in found.trajectory.coordinates
-        for order in range(_PLOTTED)
+        for order in _PLOTTED
     ]
     return {
         "coordinates": found.trajectory.coordinates,
@@ -214,19 +223,15 @@ def _quantity(coordinate: str, order: int) -> str:
 def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
     """Positions, velocities and accelerations of every coordinate with their limits, JSON-able."""
     trajectory = found.trajectory
-    periods = trajectory.basis.frequency * trajectory.duration
-    samples = int(np.clip(np.ceil(_PER_PERIOD * periods), _FEWEST, _MOST)) + 1
-    time = np.linspace(0.0, trajectory.duration, samples)
-    values = [trajectory(time, order) for order in range(_PLOTTED)]
-    ends = {margin.label: (margin.low, margin.high) for margin in found.margins}
-    buckets = int(
-        np.clip(
-            _BYTES
-            / (2 * BYTES_PER_SAMPLE * _PLOTTED * max(len(trajectory.coordinates), 1)),
-            50,
-            _MOST,
-        )
+    buckets = stretches_for(
+        len(_PLOTTED) * len(trajectory.coordinates), PLOT_BYTES // 2
     )
+    periods = trajectory.basis.frequency * trajectory.duration
+    wanted = np.ceil(SAMPLES_PER_PERIOD * periods)
+    samples = int(np.clip(wanted, buckets, MOST_SAMPLES)) + 1
+    time = np.linspace(0.0, trajectory.duration, samples)
+    values = [trajectory(time, order) for order in _PLOTTED]
+    ends = {margin.label: (margin.low, margin.high) for margin in found.margins}
 
     def signal(k: int, order: int) -> dict[str, Any]:
         kept = envelope(time, values[order][:, k], buckets)
@@ -239,16 +244,13 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
             "high": high if isfinite(high) else None,
         }
 
-    coordinates = [
-        {
-            "name": one_line(name),
-            "orders": [signal(k, order) for order in range(_PLOTTED)],
-        }
-        for k, name in enumerate(trajectory.coordinates)
-    ]
+    coordinates = []
+    for k, name in enumerate(trajectory.coordinates):
+        orders = [signal(k, order) for order in _PLOTTED]
+        coordinates.append({"name": one_line(name), "orders": orders})
     return {
         "duration": trajectory.duration,
-        "titles": list(ORDERS[:_PLOTTED]),
+        "titles": list(ORDERS[: len(_SUFFIXES)]),
         "coordinates": coordinates,
     }
 
@@ -309,7 +311,8 @@ def _place(margin: Margin, value: float) -> float:
     span = high - low
     if not (isfinite(value) and isfinite(span) and span > 0):
         return 50.0
-    return 100 * min(max(_ROOM + (1 - 2 * _ROOM) * (value - low) / span, 0.0), 1.0)
+    room = ROOM_BESIDE_LIMITS
+    return 100 * min(max(room + (1 - 2 * room) * (value - low) / span, 0.0), 1.0)
 
 
 def _showing(found: ExcitingTrajectory) -> Context:
@@ -382,15 +385,10 @@ def _starts(found: ExcitingTrajectory) -> Context:
 
 # -- the moving picture ------------------------------------------------------------------------------------------------
 
-_RATE = 30.0  # pictures per second; fewer where a page would become too large.  Between them a script interpolates
-_PICTURE_BYTES = 500_000  # of all pictures together, about
-_NUMBERS, _PER_NUMBER = (
-    10,
-    4 * 4 / 3,
-)  # of a body in a picture, and bytes of each in base 64
-_STUB = 0.12  # length of a last body, of the robot's extent
-_STILL = 1e-9  # of the robot's extent, and rad, below which a body counts as not moving
-ELEVATION = 0.4  # how far the view looks down, rad
+PICTURE_RATE = 30.0
+"""Pictures per second; fewer where a page would become too large.  A script interpolates between them."""
+STILL = 1e-9
+"""Movement, by the robot's extent, and turn, rad, below which a body counts as not moving: that is rounding."""
 
 
 @dataclass(frozen=True)
@@ -421,7 +419,7 @@ def scene(found: ExcitingTrajectory) -> Scene:
     extent = float(np.linalg.norm(np.ptp(cloud, axis=0))) or 1.0
     carriers = {body.parent for body in mechanism.bodies}
     last = tuple(i for i in range(len(mechanism.bodies)) if i not in carriers)
-    ends = [_STUB * extent * ahead(mechanism, i, extent) for i in last]
+    ends = [PROPORTIONS.last_body * extent * ahead(mechanism, i, extent) for i in last]
     tips = np.stack(
         [
             origins[:, i] + rotations[:, i] @ end
@@ -443,7 +441,7 @@ def scene(found: ExcitingTrajectory) -> Scene:
         axes,
         tips,
         last,
-        moved < _STILL,
+        moved < STILL,
         upward(mechanism),
         extent,
     )
@@ -508,15 +506,10 @@ def _pictures(found: ExcitingTrajectory, view: Scene) -> dict[str, Any]:
         name: packed(getattr(view, name))
         for name in ("origins", "axes", "tips", "q", "qd")
     }
-    obstacles = [
-        {
-            "name": one_line(shape.name),
-            "curves": [
-                curve.round(4).tolist() for curve in outline(shape, view.extent)
-            ],
-        }
-        for shape in found.obstacles
-    ]
+    obstacles = []
+    for shape in found.obstacles:
+        curves = [curve.round(4).tolist() for curve in outline(shape, view.extent)]
+        obstacles.append({"name": one_line(shape.name), "curves": curves})
     return {
         "bodies": bodies,
         "obstacles": obstacles,
@@ -525,16 +518,18 @@ def _pictures(found: ExcitingTrajectory, view: Scene) -> dict[str, Any]:
         "coordinates": [one_line(name) for name in found.trajectory.coordinates],
         "units": [one_line(unit) for unit in found.trajectory.units],
         "up": view.up.tolist(),
-        "turn": widest_view(points / view.extent, view.up, ELEVATION),
-        "elevation": ELEVATION,
+        "turn": widest_view(points / view.extent, view.up, PROPORTIONS.elevation),
+        "elevation": PROPORTIONS.elevation,
         **arrays,
     }
 
 
 def _times(duration: float, bodies: int) -> Floats:
     """Times of the pictures."""
-    most = int(_PICTURE_BYTES / (_NUMBERS * _PER_NUMBER * max(bodies, 1)))
-    return np.linspace(0.0, duration, min(int(np.ceil(_RATE * duration)), most) + 1)
+    numbers = 3 * 3 * max(bodies, 1)  # origin, axis and tip of each
+    most = int(PLOT_BYTES / 2 / (numbers * PACKED_NUMBER_BYTES))
+    wanted = int(np.ceil(PICTURE_RATE * duration))
+    return np.linspace(0.0, duration, min(wanted, most) + 1)
 
 
 def _kind(body: Body) -> str:

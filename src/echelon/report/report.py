@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict, dataclass
 from math import ceil, floor, isfinite, isinf, log10
 from typing import Any
 
@@ -32,6 +33,7 @@ from echelon.report.page import (
 from echelon.report.signals import buckets_for, outputs_of, payload
 from echelon.robot import Mechanism, convert
 from echelon.shared import (
+    MOST_NAMED,
     PARAMETERS,
     PER_BODY,
     InputError,
@@ -54,9 +56,13 @@ TITLES = {
 }
 """Sections below the header, in order."""
 
-_OPEN = 12  # plots that are open when the page is
-_SAME = 0.01  # relative difference of rms below which two models count as equal
-_WHITE = 0.01  # probability below which a residual is called coloured
+OPEN_PLOTS = 12
+"""Plots that are open when the page opens: more of them slow a browser down."""
+SAME_RMS = 0.01
+"""Relative difference of root mean squares below which two models count as equal: a page shows two digits."""
+COLOURED = 0.01
+"""Probability of a residual, were it white noise, below which it is called coloured: less than one output in a hundred
+is called so by chance."""
 _CHOSEN = {
     "estimate": "the estimate of all base parameters",
     "essential": "the essential base parameters only",
@@ -102,7 +108,7 @@ def report_html(identification: Identification) -> str:
         "hypotheses": {"hypotheses": identification.hypotheses},
         "parameters": parameters(identification),
         "traces": _traces(identification),
-        "residuals": {"outputs": _outputs(identification), "open": _OPEN},
+        "residuals": {"outputs": _outputs(identification), "open": OPEN_PLOTS},
         "conditioning": conditioning(identification),
         "links": seen_links(identification.base),
         "structure": {
@@ -191,14 +197,14 @@ def _scored(score: Score, beside: Sequence[Score], has_prior: bool) -> Context:
     remarks = [score.silence] if score.silence else []
     if not remarks and score.r2 < 0:
         remarks.append("a constant would predict better")
-    if score.whiteness < _WHITE:
+    if score.whiteness < COLOURED:
         remarks.append("residual is not white")
     against = ""
     if prior is not None and isfinite(prior.rms) and isfinite(score.rms):
         gain = score.rms - prior.rms
         against = (
             "equal"
-            if abs(gain) <= _SAME * prior.rms
+            if abs(gain) <= SAME_RMS * prior.rms
             else "better"
             if gain < 0
             else "worse"
@@ -235,7 +241,7 @@ def _traces(run: Identification) -> Context:
             0,
         ),
         "outputs": _outputs(run),
-        "open": _OPEN,
+        "open": OPEN_PLOTS,
         "buckets": buckets_for(run.validations),
         "samples": max((len(trace.time) for trace in traces), default=0),
         "prior": any(trace.prior is not None for trace in traces),
@@ -291,18 +297,22 @@ def _json(value: Any) -> str:
 
 # -- parameters: values, how far these can be trusted, conditioning, physical consistency ------------------------------
 
-_LEVEL = 0.95
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = (
-    900.0,
-    220.0,
-    64.0,
-    34.0,
-    12.0,
-)  # of the plot of singular values, px
-_WIDEST = 36.0  # of a bar, px
-_DECADES = 16  # that are drawn at most; smaller singular values stand at the bottom
-_MOST_MOVED = 8  # base parameters that move most and are listed
-_ROUNDING = 1e-12  # of the largest moment of inertia
+ROUNDED_MOMENT = 1e-12
+"""Share of the largest moment of inertia that only rounding leaves."""
+
+
+@dataclass(frozen=True)
+class _BarPlot:
+    """Measures of the plot of singular values, px."""
+
+    width: float = 900.0
+    height: float = 220.0
+    left: float = 64.0
+    right: float = 892.0
+    top: float = 12.0
+    floor: float = 186.0
+    widest_bar: float = 36.0
+    decades: int = 16  # at most; smaller singular values stand at the floor
 
 
 def parameters(run: Identification) -> Context:
@@ -315,7 +325,7 @@ def parameters(run: Identification) -> Context:
     return {
         "rows": rows,
         "others": [name for name, _ in others],
-        "level": f"{100 * _LEVEL:g}",
+        "level": f"{100 * run.level:g}",
         "essential": None
         if run.essential is None
         else sum(row["essential"] for row in rows),
@@ -343,7 +353,7 @@ def _row(run: Identification, k: int, form: Any, others: list[Any]) -> Context:
         float(estimate.std[k]),
         float(estimate.relative_std[k]),
     )
-    low, high = (float(end) for end in estimate.interval(_LEVEL)[k])
+    low, high = (float(end) for end in estimate.interval(run.level)[k])
     text, deviation = with_uncertainty(value, std)
     with np.errstate(divide="ignore", invalid="ignore"):
         apart = [
@@ -373,14 +383,11 @@ def _row(run: Identification, k: int, form: Any, others: list[Any]) -> Context:
 def conditioning(run: Identification) -> Context:
     """Combinations of parameters that the data show well, and those that they hardly show."""
     forms = ClosedForms(run.base)
-    weak = [
-        {
-            "value": direction.singular_value,
-            "terms": [(weight, forms.name(name)) for name, weight in direction.weights],
-            "advice": direction.advice,
-        }
-        for direction in run.conditioning.weak
-    ]
+    weak = []
+    for direction in run.conditioning.weak:
+        terms = [(weight, forms.name(name)) for name, weight in direction.weights]
+        value = direction.singular_value
+        weak.append({"value": value, "terms": terms, "advice": direction.advice})
     return {
         "conditioning": run.conditioning,
         "total": run.base.rank,
@@ -396,9 +403,10 @@ def _plot(run: Identification) -> Context | None:
     if not len(positive):
         return None
     high = ceil(log10(positive.max()) - 1e-9)
-    low = max(min(floor(log10(positive.min())), high - 1), high - _DECADES)
-    room, right = _HEIGHT - _TOP - _BOTTOM, _WIDTH - 8
-    step = (right - _LEFT) / len(values)
+    plot = _BarPlot()
+    low = max(min(floor(log10(positive.min())), high - 1), high - plot.decades)
+    room = plot.floor - plot.top
+    step = (plot.right - plot.left) / len(values)
 
     def height(value: float) -> float:
         return (
@@ -410,8 +418,8 @@ def _plot(run: Identification) -> Context | None:
     rank = run.conditioning.rank
     bars = [
         {
-            "x": _LEFT + step * k,
-            "y": _TOP + room - height(v),
+            "x": plot.left + step * k,
+            "y": plot.floor - height(v),
             "height": height(v),
             "value": v,
             "seen": k < rank,
@@ -420,16 +428,12 @@ def _plot(run: Identification) -> Context | None:
     ]
     every = max(1, ceil((high - low) / 6))
     ticks = [
-        {"y": _TOP + room * (high - k) / (high - low), "exponent": k}
+        {"y": plot.top + room * (high - k) / (high - low), "exponent": k}
         for k in range(high, low - 1, -every)
     ]
     return {
-        "width": _WIDTH,
-        "height": _HEIGHT,
-        "left": _LEFT,
-        "right": right,
-        "floor": _TOP + room,
-        "bar": min(max(0.7 * step, 0.5), _WIDEST),
+        **asdict(plot),
+        "bar": min(max(0.7 * step, 0.5), plot.widest_bar),
         "bars": bars,
         "ticks": ticks,
         "count": len(values),
@@ -473,7 +477,7 @@ def _moved(run: Identification, feasibility: Feasibility) -> list[Context]:
             "shift": float(shift[k]),
             "unit": run.base.units[k],
         }
-        for k in order[:_MOST_MOVED]
+        for k in order[:MOST_NAMED]
     ]
 
 
@@ -515,7 +519,7 @@ def _about_centre(standard: list[float]) -> list[float] | None:
         return None
     central = convert(standard, "echelon", "urdf")
     # products of inertia that only rounding has left
-    central[4:][np.abs(central[4:]) < _ROUNDING * np.abs(central[4:]).max()] = 0.0
+    central[4:][np.abs(central[4:]) < ROUNDED_MOMENT * np.abs(central[4:]).max()] = 0.0
     found: list[float] = central.tolist()
     return found
 

@@ -14,27 +14,39 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.identification import Trace, Validation
-from echelon.report.page import BYTES_PER_SAMPLE, packed
+from echelon.report.page import packed, stretches_for
 from echelon.shared import Floats, extra, one_line
 
-_BUCKETS, _FEWEST = 1200, 100  # stretches of one plot
-_BYTES = 2_400_000  # of all plots together
-_EPOCH = 1e6  # s; larger times are those of a calendar, and count from the first sample
+LONGEST_LOG = 1e6
+"""Time, s, beyond which a clock shows a calendar's time; plots then count from the first sample."""
+GAP = 4.0
+"""Usual steps between neighbouring samples beyond which a line breaks."""
+FEWEST_SAMPLES = 8
+"""Samples that a mean, a deviation or a distribution needs."""
+PROBABILITY_OF_BAND = 0.95
+"""Probability that an autocorrelation of white noise lies within the band that is drawn."""
 
-_GAP = 4.0  # times the usual step
 
-_BINS = 48
-_WIDTH = 4.0  # standard deviations to either side of a histogram
-_SPEEDS, _FEWEST = 40, 8  # bins of speed, and samples in each of them at least
-_LAGS, _SHOWN = 512, 120  # of the autocorrelation, and how many of them are drawn
-_FREQUENCIES = 256
-_WHITE = 1.96  # of a standard normal variable, two-sided 95 %
+@dataclass(frozen=True)
+class _Resolution:
+    """How finely residuals are shown."""
+
+    bins: int = 48  # of the histogram
+    deviations: float = 4.0  # standard deviations to either side of the histogram
+    speeds: int = 40  # bins of speed
+    lags: int = 512  # of the autocorrelation that the spectrum is computed from
+    drawn_lags: int = 120
+    frequencies: int = 256
+
+
+_RESOLUTION = _Resolution()
 
 
 def outputs_of(validations: Sequence[Validation]) -> list[tuple[str, str]]:
@@ -53,9 +65,7 @@ def buckets_for(validations: Sequence[Validation]) -> int:
     signals = sum(
         3 + (trace.prior is not None) for v in validations for trace in v.traces
     )
-    return int(
-        np.clip(_BYTES / (2 * BYTES_PER_SAMPLE * max(signals, 1)), _FEWEST, _BUCKETS)
-    )
+    return stretches_for(signals)
 
 
 def payload(validations: Sequence[Validation]) -> dict[str, Any]:
@@ -73,6 +83,7 @@ def payload(validations: Sequence[Validation]) -> dict[str, Any]:
 def _packed(trace: Trace, buckets: int) -> dict[str, Any]:
     first = trace.time[np.isfinite(trace.time)][:1]
     start = float(first[0]) if len(first) else 0.0
+    calendar = abs(start) > LONGEST_LOG
     difference = trace.measured - trace.predicted
     signals = {
         "measured": trace.measured,
@@ -86,8 +97,8 @@ def _packed(trace: Trace, buckets: int) -> dict[str, Any]:
     }
     return {
         "unit": one_line(trace.unit),
-        "start": start if abs(start) <= _EPOCH else 0.0,
-        "since": None if abs(start) <= _EPOCH else start,
+        "start": 0.0 if calendar else start,
+        "since": start if calendar else None,
         "samples": len(trace.time),
         "lost": max(e.lost for e in kept.values()),
         "drawn": max(int(np.isfinite(e.values).sum()) for e in kept.values()),
@@ -106,20 +117,13 @@ def _by_speed(trace: Trace, difference: Floats) -> dict[str, Any] | None:
     finite = np.isfinite(trace.speed) & np.isfinite(difference)
     order = np.argsort(trace.speed[finite], kind="stable")
     speed, left = trace.speed[finite][order], difference[finite][order]
-    bins = min(_SPEEDS, len(speed) // _FEWEST)
+    bins = min(_RESOLUTION.speeds, len(speed) // FEWEST_SAMPLES)
     if not bins:
         return None
-    parts = list(
-        zip(np.array_split(speed, bins), np.array_split(left, bins), strict=True)
-    )
-    middle, mean, deviation = (
-        np.array([function(part) for part in some])
-        for function, some in (
-            (np.mean, [s for s, _ in parts]),
-            (np.mean, [e for _, e in parts]),
-            (np.std, [e for _, e in parts]),
-        )
-    )
+    speeds, residuals = np.array_split(speed, bins), np.array_split(left, bins)
+    middle = np.array([part.mean() for part in speeds])
+    mean = np.array([part.mean() for part in residuals])
+    deviation = np.array([part.std() for part in residuals])
     unit = "m/s" if trace.unit == "N" else "rad/s"
     arrays = {
         "speed": middle,
@@ -196,7 +200,7 @@ def _after_gaps(
     """Which samples have a gap or a value that is not finite before them."""
     steps = np.diff(t)
     usual = float(np.median(steps)) if len(steps) else 0.0
-    far = steps > max(_GAP * usual, width)
+    far = steps > max(GAP * usual, width)
     lost = (np.diff(kept) > 1) & (width == 0)
     return np.concatenate([[False], far | lost]) if len(t) else np.zeros(0, dtype=bool)
 
@@ -234,18 +238,18 @@ def residual(time: Floats, values: Floats) -> Residual | None:
     """Pictures of a residual at ascending times, s; None below eight finite values, or without duration or variance."""
     finite = np.isfinite(time) & np.isfinite(values)
     t, y = time[finite], values[finite]
-    if len(t) < 8 or not t[-1] > t[0]:
+    if len(t) < FEWEST_SAMPLES or not t[-1] > t[0]:
         return None
     std = float(y.std())
     if not 0 < std < np.inf:
         return None
     step = float(np.median(np.diff(t)))
     step = step if step > 0 else float(t[-1] - t[0]) / (len(t) - 1)
-    lags = int(min(_LAGS, len(t) // 2))
+    lags = int(min(_RESOLUTION.lags, len(t) // 2))
     correlation = _autocorrelation(t, y - y.mean(), step, lags)
     frequency, amplitude = _spectrum(correlation, std, step)
     edges, density, normal = _histogram(y, std)
-    shown = slice(1, min(_SHOWN, lags) + 1)  # at lag 0 it is 1, always
+    shown = slice(1, min(_RESOLUTION.drawn_lags, lags) + 1)  # at lag 0 it is 1, always
     return Residual(
         std,
         edges,
@@ -253,7 +257,7 @@ def residual(time: Floats, values: Floats) -> Residual | None:
         normal,
         (step * np.arange(lags + 1, dtype=np.float64))[shown],
         correlation[shown],
-        _WHITE / float(np.sqrt(len(y))),
+        NormalDist().inv_cdf((1 + PROBABILITY_OF_BAND) / 2) / float(np.sqrt(len(y))),
         frequency,
         amplitude,
         std * float(np.sqrt(2 * step)),
@@ -264,11 +268,12 @@ def _histogram(y: Floats, std: float) -> tuple[Floats, Floats, Floats]:
     with extra("identify"):
         from scipy.special import ndtr
 
-    mean = float(y.mean())
-    edges = mean + std * np.linspace(-_WIDTH, _WIDTH, _BINS + 1)
+    width = _RESOLUTION.deviations
+    scaled = np.linspace(-width, width, _RESOLUTION.bins + 1)
+    edges = float(y.mean()) + std * scaled
     # values beyond are counted in the outer bins, so that no sample is hidden
     counts = np.histogram(np.clip(y, edges[0], edges[-1]), edges)[0]
-    inner = ndtr(np.linspace(-_WIDTH, _WIDTH, _BINS + 1))
+    inner = ndtr(scaled)
     inner[0], inner[-1] = 0.0, 1.0
     return edges, 100 * counts / len(y), 100 * np.diff(inner)
 
@@ -295,7 +300,7 @@ def _spectrum(correlation: Floats, std: float, step: float) -> tuple[Floats, Flo
     lags = len(correlation) - 1
     u = np.arange(lags + 1) / (lags + 1)
     window = np.where(u <= 0.5, 1 - 6 * u**2 + 6 * u**3, 2 * (1 - u) ** 3)
-    frequency = np.linspace(0.0, 0.5 / step, _FREQUENCIES + 1)[1:]
+    frequency = np.linspace(0.0, 0.5 / step, _RESOLUTION.frequencies + 1)[1:]
     weighted = window * correlation * np.where(np.arange(lags + 1) == 0, 1.0, 2.0)
     density = (
         2

@@ -83,7 +83,6 @@ from echelon.robot.mechanism import Snap as Snap
 from echelon.robot.mechanism import setup_placements as setup_placements
 from echelon.robot.mechanism import setup_ratios as setup_ratios
 from echelon.robot.motor_side import transmission_matrix as transmission_matrix
-from echelon.robot.nudge import nudged as nudged
 from echelon.robot.rational_turns import rational_rotation as rational_rotation
 from echelon.robot.sources import Readable as Readable
 from echelon.robot.sources import loaded as loaded

@@ -7,9 +7,7 @@ from collections.abc import Callable, Sequence
 from echelon.robot.closure import Closure
 from echelon.robot.joint import GROUND
 from echelon.robot.mechanism import Mechanism
-
-_SHOWN = 4
-"""Closures that a message names."""
+from echelon.shared import listed
 
 
 def loop_motions(
@@ -40,14 +38,8 @@ def shown_loops(mechanism: Mechanism, coordinate: str | None = None) -> str:
     through = [
         c for c in mechanism.closures if motion in loop_motions(mechanism, [c])
     ] or mechanism.closures
-    shown = "the loops closed by " + ", ".join(
-        f"'{c.name}' ({mechanism.ends(c.name)})" for c in through[:_SHOWN]
-    )
-    return (
-        shown
-        if len(through) <= _SHOWN
-        else f"{shown} and {len(through) - _SHOWN} others"
-    )
+    closures = [f"'{c.name}' ({mechanism.ends(c.name)})" for c in through]
+    return f"the loops closed by {listed(closures)}"
 
 
 def split_balls(mechanism: Mechanism) -> list[str]:

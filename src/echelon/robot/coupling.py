@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
@@ -17,8 +17,9 @@ from echelon.shared import Floats
 
 T = TypeVar("T")
 _ZERO = Polynomial({})
-_CUBIC = 3
-_CELLS = 500
+_CUBIC = 3  # degree of a spline's powers behind its knots
+CELLS = 500
+"""Cells of a range, in each of which a bound of the second derivative bounds the slope."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Spline:
             return abs(self.ratio.at(symbols))
         if not isfinite(reach):
             return inf
-        slopes = self.floats(np.linspace(-reach, reach, 2 * _CELLS + 1)[1::2], symbols)[
+        slopes = self.floats(np.linspace(-reach, reach, 2 * CELLS + 1)[1::2], symbols)[
             1
         ]
         # |f″| is at most what the sizes of all terms add up to at the end, each knot counted from zero on
@@ -145,7 +146,7 @@ class Spline:
         bend = Spline(
             sizes.coefficients, tuple((0, size) for _, size in sizes.knots)
         ).floats(reach, {})[2]
-        return float(np.abs(slopes).max() + bend * reach / _CELLS)
+        return float(np.abs(slopes).max() + bend * reach / CELLS)
 
 
 def linear(ratio: Polynomial) -> Spline:
@@ -186,15 +187,12 @@ def _solved(
     rows: Sequence[Sequence[Rational]], right: Sequence[Rational]
 ) -> list[Fraction]:
     """The solution of linear equations in rational numbers."""
-    left, column = (
-        flint.fmpq_mat(
-            [
-                [flint.fmpq(number.numerator, number.denominator) for number in row]
-                for row in table
-            ]
-        )
-        for table in (rows, [[number] for number in right])
-    )
+
+    def exact(values: Iterable[Rational]) -> list[flint.fmpq]:
+        return [flint.fmpq(value.numerator, value.denominator) for value in values]
+
+    left = flint.fmpq_mat([exact(row) for row in rows])
+    column = flint.fmpq_mat(len(right), 1, exact(right))
     return [
         Fraction(int(number.p), int(number.q))
         for number in left.solve(column).entries()

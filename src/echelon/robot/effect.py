@@ -8,7 +8,8 @@ of :data:`KINDS` if it has the shape of one, and the properties of :class:`~eche
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache, cached_property
 
@@ -69,6 +70,11 @@ class Effect:
         return frozenset(
             name for action in self.actions for name in read_term(action.term).symbols
         )
+
+    def with_terms(self, change: Callable[[str], str]) -> Effect:
+        """The effect with other functions of the state."""
+        actions = tuple(replace(a, term=change(a.term)) for a in self.actions)
+        return replace(self, actions=actions)
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def transpose(matrix: Square[T]) -> Square[T]:
     return ((a, d, g), (b, e, h), (c, f, i))
 
 
-X, Y, Z = 0, 1, 2
+X, Y, Z = range(3)
 
 
 class MotionKind(Enum):

@@ -148,15 +148,11 @@ def _placed(motion: Motion, position: float) -> Placement:
 
 def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:
     """Actuators that still move something, as many as there are coordinates that they move."""
-    left = [
-        replace(actuator, terms=terms)
-        for actuator in mechanism.actuators
-        if (
-            terms := tuple(
-                (name, ratio) for name, ratio in actuator.terms if name not in gone
-            )
-        )
-    ]
+    left = []
+    for actuator in mechanism.actuators:
+        terms = tuple(pair for pair in actuator.terms if pair[0] not in gone)
+        if terms:
+            left.append(replace(actuator, terms=terms))
     driven = {name for actuator in left for name, _ in actuator.terms}
     if len(driven) < len(left):
         names, joints = ", ".join(a.name for a in left), ", ".join(sorted(driven))

@@ -445,19 +445,12 @@ def motion_of_joints(
 ) -> VirtualMotion:
     """The virtual motion in which some independent coordinates have given velocities, and the drives follow."""
     program = recorder.program
-    zero = program.zero
-    drives = {
-        actuator.name: sum(
-            (
-                freedoms[n] * program.polynomial(r)
-                for n, r in actuator.terms
-                if n in freedoms
-            ),
-            zero,
-        )
-        for actuator in mechanism.transmission.actuators
-        if any(n in freedoms for n, _ in actuator.terms)
-    }
+    drives = {}
+    for actuator in mechanism.transmission.actuators:
+        moving = [(n, ratio) for n, ratio in actuator.terms if n in freedoms]
+        if moving:
+            parts = (freedoms[n] * program.polynomial(ratio) for n, ratio in moving)
+            drives[actuator.name] = sum(parts, program.zero)
     return VirtualMotion(_coupled(recorder, freedoms), drives, {})
 
 

@@ -53,16 +53,11 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
         name: _mapped(getattr(mechanism, name), put) for name in _WITH_EXPRESSIONS
     }
     gravity = changed["gravity"] if any(changed["gravity"] or ()) else None
-    effects = tuple(
-        replace(
-            effect,
-            actions=tuple(
-                replace(action, term=_text(action.term, values))
-                for action in effect.actions
-            ),
-        )
-        for effect in mechanism.effects
-    )
+
+    def text(term: str) -> str:
+        return _text(term, values)
+
+    effects = tuple(effect.with_terms(text) for effect in mechanism.effects)
     left = {
         name: symbol
         for name, symbol in mechanism.symbols.items()

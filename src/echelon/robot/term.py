@@ -19,7 +19,6 @@ from echelon.shared import InputError, shortened
 _BOUNDED = ("sign", "heaviside", "tanh", "atan", "atan2", "sin", "cos")
 _POWERS = {"abs": 1.0, "max": 1.0, "min": 1.0, "sqrt": 0.5}
 """Power of its argument with which a function grows; any other may outgrow all powers."""
-_REMEMBERED = 4096  # terms; robots have some ten each
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ def _growth(node: ast.expr) -> list[float]:
     return [inf]
 
 
-@lru_cache(maxsize=_REMEMBERED)
+@lru_cache
 def read_term(text: str) -> TermTree:
     """A term by its text.
 

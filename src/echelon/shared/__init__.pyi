@@ -41,7 +41,6 @@ from echelon.shared.errors import shortened as shortened
 from echelon.shared.errors import warn_caller as warn_caller
 from echelon.shared.extras import extra as extra
 from echelon.shared.files import FileTarget as FileTarget
-from echelon.shared.files import target_of as target_of
 from echelon.shared.files import write_all as write_all
 from echelon.shared.files import write_atomically as write_atomically
 from echelon.shared.files import written_into as written_into

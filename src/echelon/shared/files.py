@@ -22,7 +22,7 @@ from pathlib import Path
 from echelon.shared.errors import InputError, one_line
 
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-_PERMISSIONS = 0o777
+_PERMISSIONS = stat.S_IRWXU | stat.S_IRWXG | stat.S_IRWXO
 
 _unfinished: set[Path] = set()
 """Temporary files that exist now."""
@@ -45,27 +45,27 @@ class FileTarget:
             not stat.S_ISREG(self.found.st_mode) or _standard(self.found) is not None
         )
 
-
-def target_of(path: str | os.PathLike[str]) -> FileTarget:
-    """Destination of a path; an InputError if nothing can be written there."""
-    shown = os.fspath(path)
-    with _naming(shown):
-        try:
-            found = os.stat(path)
-        except FileNotFoundError:  # perhaps a link to a file that is yet to be
-            found = None
-        if found is not None and stat.S_ISDIR(found.st_mode):
-            raise InputError("is a directory; name a file", source=shown)
-        if found is not None and not stat.S_ISREG(found.st_mode):
-            return FileTarget(shown, Path(path), found)
-        actual = Path(os.path.realpath(path))
-        os.stat(actual.parent)
-    effective = os.access in os.supports_effective_ids
-    if not os.access(
-        actual.parent if found is None else actual, os.W_OK, effective_ids=effective
-    ):
-        raise InputError("cannot be written: Permission denied", source=shown)
-    return FileTarget(shown, actual, found)
+    @staticmethod
+    def of(path: str | os.PathLike[str]) -> FileTarget:
+        """Destination of a path; an InputError if nothing can be written there."""
+        shown = os.fspath(path)
+        with _naming(shown):
+            try:
+                found = os.stat(path)
+            except FileNotFoundError:  # perhaps a link to a file that is yet to be
+                found = None
+            if found is not None and stat.S_ISDIR(found.st_mode):
+                raise InputError("is a directory; name a file", source=shown)
+            if found is not None and not stat.S_ISREG(found.st_mode):
+                return FileTarget(shown, Path(path), found)
+            actual = Path(os.path.realpath(path))
+            os.stat(actual.parent)
+        effective = os.access in os.supports_effective_ids
+        if not os.access(
+            actual.parent if found is None else actual, os.W_OK, effective_ids=effective
+        ):
+            raise InputError("cannot be written: Permission denied", source=shown)
+        return FileTarget(shown, actual, found)
 
 
 def write_atomically(
@@ -78,7 +78,7 @@ def write_atomically(
 def write_all(contents: Mapping[Path, str | bytes], *, private: bool = False) -> None:
     """Write files that belong together, text as UTF-8: none appears before all of them are written."""
     targets = {
-        target_of(path): text.encode() if isinstance(text, str) else text
+        FileTarget.of(path): text.encode() if isinstance(text, str) else text
         for path, text in contents.items()
     }
     _check_distinct(targets)

@@ -76,7 +76,7 @@ def read_document(path: str | os.PathLike[str]) -> str:
 
 
 _LONGEST_NAME = 255  # bytes of a file's name, on all usual systems; what is longer was meant as text
-_MIB = 1 << 20
+_MIB = 1 << 20  # bytes
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,8 @@ from echelon.algebra.exact.field import (
 from echelon.algebra.exact.polynomial import Monomial, cosine, sine
 from echelon.shared import DegenerateSampleError
 
-EXTRA_SAMPLES = 4  # samples beyond the number of unknowns: a wrong ansatz fits them with probability about p^-4
+EXTRA_SAMPLES = 4
+"""Samples beyond the number of unknowns: a wrong ansatz fits them with a probability of about p^-4."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,8 @@ def normalised(vector: list[int], field: PrimeField) -> list[int]:
     return [c * scale % field.p for c in vector]
 
 
-_SURPLUS = 2  # values beyond those that a quotient needs: a wrong one fits them with probability about p^-2
+SURPLUS = 2
+"""Values beyond those that a quotient needs: a wrong one fits them with a probability of about p^-2."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +190,7 @@ def _quotient(values: Any, vanishing: Any) -> tuple[Any, Any] | None:
         degree = max(rest.degree(), 0) + cofactor.degree()
         if rest.degree() >= 0 and degree < lowest:
             best, lowest = (rest, cofactor), degree
-    if lowest + 1 + _SURPLUS > size:
+    if lowest + 1 + SURPLUS > size:
         return None
     lead = best[1].leading_coefficient()
     return best[0] / lead, best[1] / lead

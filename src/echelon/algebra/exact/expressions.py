@@ -144,8 +144,18 @@ RESERVED = frozenset(
     {PI, "sin", "cos", "sqrt"}
 )  # names with a fixed meaning, which no symbol may take
 
-_PIECE, _LONGEST_TERM, _LONGEST = 500, 2000, 1_000_000
-_LARGEST_EXPONENT, _MOST_TERMS, _MOST_BITS = 32, 20_000, 20_000
+PIECE = 500
+"""Characters of a part of a long sum, which is read by recursion."""
+LONGEST_TERM = 4 * PIECE
+"""Characters of a term, which cannot be divided."""
+LONGEST = 1_000_000
+"""Characters of an expression: seconds of reading."""
+LARGEST_EXPONENT = 32
+"""Exponent of a power of an expression."""
+MOST_TERMS = 20_000
+"""Terms of an expanded product or power."""
+MOST_BITS = 20_000
+"""Bits of a power of a number."""
 
 
 Named = Callable[[Angle], Angle]
@@ -163,9 +173,9 @@ def parse(
     sqrt(2)/2
     """
     text = text.strip()
-    if len(text) > _LONGEST:
+    if len(text) > LONGEST:
         raise ValueError(
-            f"an expression of {len(text)} characters is too long (at most {_LONGEST})"
+            f"an expression of {len(text)} characters is too long (at most {LONGEST})"
         )
     # the walk below recurses along sums, so a long sum is read piece by piece
     value = Polynomial.sum(
@@ -182,7 +192,7 @@ def _pieces(text: str) -> list[str]:
     for position, character in enumerate(text):
         depth += (character == "(") - (character == ")")
         if (
-            position - start <= _PIECE
+            position - start <= PIECE
             or depth
             or character not in "+-"
             or text[position - 1] != " "
@@ -199,9 +209,9 @@ def _pieces(text: str) -> list[str]:
 def _parse_piece(
     text: str, symbols: Collection[str] | None, named: Named | None
 ) -> Polynomial:
-    if len(text) > _LONGEST_TERM:
+    if len(text) > LONGEST_TERM:
         raise ValueError(
-            f"a term of {len(text)} characters is too long (at most {_LONGEST_TERM})"
+            f"a term of {len(text)} characters is too long (at most {LONGEST_TERM})"
         )
     python = text.replace("^", "**")
     try:
@@ -275,7 +285,7 @@ class _ExpressionReader:
     def _number(self, node: ast.Constant) -> Polynomial:
         literal = self._source(node)
         if (
-            literal.isdecimal() and len(literal) <= _LONGEST_DECIMAL
+            literal.isdecimal() and len(literal) <= LONGEST_DECIMAL
         ):  # parts of quotients may be beyond all doubles
             return Polynomial.constant(int(literal))
         return Polynomial.constant(parse_decimal(literal))
@@ -296,9 +306,9 @@ class _ExpressionReader:
         if isinstance(operator, ast.Sub):
             return left - right
         if isinstance(operator, ast.Mult):
-            if len(left.terms) * len(right.terms) > _MOST_TERMS:
+            if len(left.terms) * len(right.terms) > MOST_TERMS:
                 raise ValueError(
-                    f"'{self.text}' expands to more than {_MOST_TERMS} terms"
+                    f"'{self.text}' expands to more than {MOST_TERMS} terms"
                 )
             return _without_quotients(left * right)
         value = right.number
@@ -309,21 +319,21 @@ class _ExpressionReader:
             if isinstance(value, int | Fraction) and value.denominator == 1
             else -1
         )
-        if isinstance(operator, ast.Pow) and 0 <= exponent <= _LARGEST_EXPONENT:
-            if exponent * _bits(left) > _MOST_BITS:
+        if isinstance(operator, ast.Pow) and 0 <= exponent <= LARGEST_EXPONENT:
+            if exponent * _bits(left) > MOST_BITS:
                 raise ValueError(
-                    f"'{self.text}' has numbers of more than {_MOST_BITS} bits"
+                    f"'{self.text}' has numbers of more than {MOST_BITS} bits"
                 )
             if (
                 left.terms
-                and comb(len(left.terms) + exponent - 1, exponent) > _MOST_TERMS
+                and comb(len(left.terms) + exponent - 1, exponent) > MOST_TERMS
             ):
                 raise ValueError(
-                    f"'{self.text}' expands to more than {_MOST_TERMS} terms"
+                    f"'{self.text}' expands to more than {MOST_TERMS} terms"
                 )
             return left**exponent
         raise ValueError(
-            f"in '{self.text}' only + - * / and powers 0 to {_LARGEST_EXPONENT} are possible"
+            f"in '{self.text}' only + - * / and powers 0 to {LARGEST_EXPONENT} are possible"
         )
 
     def _inverse(self, divisor: Polynomial) -> Polynomial:
@@ -420,7 +430,8 @@ def check_characters(text: str) -> None:
 
 # -- numbers -----------------------------------------------------------------------------------------------------------
 
-_LONGEST_DECIMAL = 1000
+LONGEST_DECIMAL = 1000
+"""Characters of a number, whose exponent may shift it as far."""
 _DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE]([+-]?\d+))?", re.ASCII)
 BEYOND_DOUBLES = "beyond the range of double precision (5e-324 to 1.8e308)"
 """What is said about numbers that no double comes near to."""
@@ -432,15 +443,15 @@ def parse_decimal(text: str) -> Rational:
     >>> parse_decimal("-0.0825"), parse_decimal("1e-3"), parse_decimal("2.0")
     (Fraction(-33, 400), Fraction(1, 1000), 2)
     """
-    if len(text) > _LONGEST_DECIMAL:
+    if len(text) > LONGEST_DECIMAL:
         raise ValueError(
-            f"a number of {len(text)} characters is too long (at most {_LONGEST_DECIMAL})"
+            f"a number of {len(text)} characters is too long (at most {LONGEST_DECIMAL})"
         )
     found = _DECIMAL.fullmatch(text)
     if found is None:
         raise ValueError(f"'{text}' is not a finite decimal number")
     # a large exponent is refused before it becomes as many digits
-    value = Fraction(text) if abs(int(found[3] or 0)) <= 2 * _LONGEST_DECIMAL else None
+    value = Fraction(text) if abs(int(found[3] or 0)) <= 2 * LONGEST_DECIMAL else None
     if value is None or not in_double_range(value):
         raise ValueError(f"'{text}' is {BEYOND_DOUBLES}")
     return simplest(value)

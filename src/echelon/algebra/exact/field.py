@@ -32,10 +32,14 @@ Residues = npt.NDArray[
     Any
 ]  # array of residues in [0, p): int64 for primes below 2^31, Python integers above
 
-ARRAY_BITS, CERTIFICATE_BITS = 31, 81
+ARRAY_BITS = 31
+"""Size of primes whose residues are multiplied in machine words."""
+CERTIFICATE_BITS = 81
+"""Size of primes of certificates: a false identity holds modulo one of them with a probability below 1e-20."""
 _WORD_BITS = 63  # of the largest modulus of FLINT's matrices of machine words
 _SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
-_FEW = 16  # below this many elements, inverting one by one is faster than a tree of products
+_FEW = 16
+"""Elements below which inverting one by one is faster than a tree of products."""
 
 
 MOST_ATTEMPTS = 16
@@ -239,15 +243,11 @@ def rank(matrix: Residues, field: PrimeField) -> int:
 def by_pivots(matrix: Residues, field: PrimeField) -> dict[int, dict[int, int]]:
     """Every column without a pivot as a combination of pivot columns: their coefficients where they are not zero."""
     reduced, pivots = reduced_echelon(matrix, field)
-    places = list(enumerate(pivots))
-    return {
-        column: {
-            p: value
-            for row, p in places
-            if p < column and (value := int(reduced[row, column]))
-        }
-        for column in sorted(set(range(matrix.shape[1])) - set(pivots))
-    }
+    found = {}
+    for column in sorted(set(range(matrix.shape[1])) - set(pivots)):
+        pairs = [(p, int(reduced[row, column])) for row, p in enumerate(pivots)]
+        found[column] = {p: value for p, value in pairs if p < column and value}
+    return found
 
 
 def null_vectors(matrix: Residues, field: PrimeField) -> list[list[int]]:

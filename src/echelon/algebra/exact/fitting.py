@@ -46,8 +46,10 @@ from echelon.algebra.exact.unknown_functions import (
 from echelon.shared import DegenerateSampleError
 
 _NODES = (6, 16, 40, 100)  # values along a line, more where they are too few
-_LARGEST_JOINT_FIT = 1500
-_FEW_SYMBOLS = 8
+LARGEST_JOINT_FIT = 1500
+"""Monomials of a factor in which symbols are entangled; their coefficients are solved for together."""
+FEW_SYMBOLS = 8
+"""Symbols up to which each is changed by itself at once, which takes less time than bisection."""
 
 _Sections = dict[str, Section]
 
@@ -109,9 +111,7 @@ class Fitting:
         """For each function, the symbols that change it."""
         depends: list[list[str]] = [[] for _ in self.unknown.degrees]
         pending = [list(self.unknown.symbols)] if self.unknown.symbols else []
-        if (
-            len(self.unknown.symbols) <= _FEW_SYMBOLS
-        ):  # one evaluation for all singles beats bisection
+        if len(self.unknown.symbols) <= FEW_SYMBOLS:
             pending = [[s] for s in self.unknown.symbols]
         while pending:
             changed = persistent(partial(self._changes, pending))
@@ -232,7 +232,7 @@ class Fitting:
 
     def _entangled_factor(self, index: int, parts: _Sections) -> Residual | None:
         count = entangled_size(parts, self.unknown.angles)
-        if count > _LARGEST_JOINT_FIT or not self.work.take(SOLVING * count**3):
+        if count > LARGEST_JOINT_FIT or not self.work.take(SOLVING * count**3):
             return None
         geometry = {s: np.full(count, value) for s, value in self.anchor.items()}
         geometry |= {name: self.field.draw(self.rng, (count,)) for name in parts}

@@ -75,6 +75,7 @@ def rational(residue: int, modulus: int) -> Rational | None:
 
 
 MOST_PRIMES = 64
+"""Primes of an interpolation: coefficients then have fractions of up to 300 digits."""
 
 
 def interpolate(

@@ -29,7 +29,7 @@ T = TypeVar("T")
 _ONE = Polynomial.constant(1)
 _FIELD = PrimeField.of(2147483543)
 _PRODUCT, _QUOTIENT = 300.0, 1000.0
-"""Operations on residues that take as long as a product of two terms, and as its part of a quotient."""
+"""Costs of a product of two terms, and of its part of a quotient, in operations on residues."""
 
 
 class RationalFunction:

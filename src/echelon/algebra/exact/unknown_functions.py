@@ -14,9 +14,12 @@ import numpy as np
 from echelon.algebra.exact.field import MOST_ATTEMPTS, Geometry, PrimeField, Residues
 from echelon.shared import ClosedFormError, DegenerateSampleError
 
-_OPERATIONS = 5e8  # a few seconds
-_TERMS = 500
-SOLVING = 0.05  # what an operation of FLINT's linear algebra costs beside one of an evaluation in NumPy
+OPERATIONS = 5e8
+"""Operations on residues of a budget of 1: a few seconds."""
+TERMS = 500
+"""Terms of a coefficient for a budget of 1: they fill a screen."""
+SOLVING = 0.05
+"""Cost of an operation of FLINT's linear algebra, relative to one of an evaluation in NumPy."""
 
 
 @dataclass
@@ -29,7 +32,7 @@ class Work:
     @staticmethod
     def of(budget: float) -> Work:
         """The work of a budget: 1 for a few seconds, 0 for none."""
-        return Work(budget * _OPERATIONS, budget * _TERMS)
+        return Work(budget * OPERATIONS, budget * TERMS)
 
     def take(self, operations: float) -> bool:
         """Take some operations if as many are left."""
@@ -55,7 +58,8 @@ class Work:
 
 
 Found = TypeVar("Found")
-_CHUNK = 512  # geometries that are evaluated at once
+CHUNK = 512
+"""Geometries that are evaluated at once."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +82,10 @@ class UnknownFunctions:
         """Values at some geometries: array of shape (functions, count)."""
         if not self.symbols:  # there is one geometry only
             return np.repeat(self.evaluate(field, geometry), count, axis=1)
-        parts = [
-            self.evaluate(
-                field,
-                {s: value[first : first + _CHUNK] for s, value in geometry.items()},
-            )
-            for first in range(0, count, _CHUNK)
-        ]
+        parts = []
+        for first in range(0, count, CHUNK):
+            some = {s: value[first : first + CHUNK] for s, value in geometry.items()}
+            parts.append(self.evaluate(field, some))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def sample(

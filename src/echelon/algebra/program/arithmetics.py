@@ -16,6 +16,9 @@ from echelon.algebra.exact.polynomial import Number, parts_of
 from echelon.algebra.program.operations import FUNCTIONS, Op
 from echelon.algebra.program.schedule import Array
 
+BALL_BITS = 512
+"""Usual precision of balls; comparisons and exchanges, which lose digits, take twice as many bits."""
+
 Balls = npt.NDArray[Any]
 """Array of ``arb``."""
 

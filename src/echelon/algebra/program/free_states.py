@@ -24,15 +24,15 @@ from echelon.algebra.exact.polynomial import Rational
 from echelon.algebra.program.arithmetics import Balls, ball, stated_ball
 from echelon.algebra.program.operations import Op
 from echelon.algebra.program.region import BUDGET, COMPLETE, EXHAUSTED, RegionSearch
+from echelon.algebra.program.region_moves import SPREAD
 from echelon.algebra.program.rewriting import without_absolutes
 from echelon.algebra.program.schedule import FloatArithmetic, Schedule
 from echelon.algebra.program.surfaces import RealValues, find_surfaces
 from echelon.algebra.program.tape import Program
 from echelon.shared import Floats, InputError, SignArray
 
-_SPREAD, _STATE_SPREAD = 1.5, 0.5
-"""Standard deviation of the logarithm of random values: most lie between 1/20 and 20; those of states, where functions
-grow fast, between 1/3 and 3."""
+_STATE_SPREAD = SPREAD / 3
+"""Standard deviation of the logarithm of random states, where functions grow fast: most lie between 1/3 and 3."""
 _FINENESS = 512
 """Random values of symbols are multiples of its inverse, so that they are short."""
 _TAME = 4
@@ -207,7 +207,7 @@ class RealPoints:
                 drawn = random_generator(
                     crc32(given.name.encode()) + attempt
                 ).standard_normal()
-                numerator = 1 + int(_FINENESS * np.exp(_SPREAD * drawn))
+                numerator = 1 + int(_FINENESS * np.exp(SPREAD * drawn))
                 found[given.name] = self._stated.get(
                     given.name, str(Fraction(numerator, _FINENESS))
                 )

@@ -19,6 +19,7 @@ is an assumption that no other region adds anything, and the report says so.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,11 +38,35 @@ from echelon.shared import Floats, SignArray
 
 COMPLETE, EXHAUSTED, BUDGET = "complete", "exhausted", "budget"
 
-_RANDOM, _CHUNK = 512, 4096
-_MOST_PRODUCTS, _MOST_REGIONS, _MOST_TRIES, _POOL = 512, 2048, 3000, 24
-_POINTS_TRIED, _TINY = 4, 1e-30
 _AROUND = (1e-4, 1e-7, 1e-10)
-_TRIES_EACH, _BATCH, _STARTS, _STRAY = 2, 256, 3, 64
+"""Relative distances of points around one on a surface, whose other signs they share."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard a search tries, counted and not timed, so that it ends alike on every machine."""
+
+    random_points: int = 512
+    """Random points at first."""
+    products: int = 512
+    """Most products of signs for which the independent regions are counted; with more, every region counts."""
+    regions: int = 2048
+    """Regions after which the search ends."""
+    tries: int = 3000
+    """Descents after which the search ends."""
+    batch: int = 256
+    """Descents at once, which takes little longer than one."""
+    starts: int = 3
+    """Points from which each descent starts, all but one in other regions."""
+    repeats: int = 2
+    """Descents to a combination of signs before it counts as impossible."""
+    kept_points: int = 24
+    """Points that are kept of a region, from which samples and descents start."""
+    proofs: int = 4
+    """Points of a region that are tried until ball arithmetic proves its signs at one."""
+
+
+EFFORT = Effort()
 
 
 @dataclass
@@ -75,7 +100,7 @@ class RegionSearch:
         row = {n: k for k, n in enumerate(self.surfaces.nodes)}
         self._open = [row[n] for n in self.surfaces.nodes if n not in self._fixed]
         self._partners = [self._multiplied_with(n) for n in self.surfaces.nodes]
-        products = monomials(self.surfaces, self._fixed, _MOST_PRODUCTS)
+        products = monomials(self.surfaces, self._fixed, EFFORT.products)
         if products is None:
             self._independent = IndependentRegions(None)
         else:
@@ -93,7 +118,7 @@ class RegionSearch:
     def _settled(self) -> bool:
         if self._independent.complete:
             self.ended = COMPLETE
-        elif len(self.regions) >= _MOST_REGIONS or self._tries >= _MOST_TRIES:
+        elif len(self.regions) >= EFFORT.regions or self._tries >= EFFORT.tries:
             self.ended = BUDGET
         else:
             return False
@@ -102,11 +127,10 @@ class RegionSearch:
     def _start(self) -> Floats:
         """Random points in the domain; where chance finds none, by descent."""
         points = self.values.normal(
-            random_points(self.rng, len(self.values.variables), _RANDOM)
+            random_points(self.rng, len(self.values.variables), EFFORT.random_points)
         )
         inside = points[:, self.values.in_domain(self.values.at(points))]
         if not inside.shape[1] and len(points):
-            points = points[:, :_STRAY]
             moved = descended(
                 self.values,
                 points,
@@ -127,14 +151,13 @@ class RegionSearch:
 
     def _visit(self, points: Floats) -> None:
         """Take note of the regions of some points."""
-        for start in range(0, points.shape[1], _CHUNK):
-            if self._settled() and self.regions:
-                return
-            chunk = self.values.normal(points[:, start : start + _CHUNK].copy())
-            table = self.values.at(chunk)
-            good = self.values.inside(table) | self._on_zero(table)
-            chunk, table = chunk[:, good], table[: len(self.surfaces.nodes), good]
-            self._note(chunk, self._signs(table))
+        if self._settled() and self.regions:
+            return
+        points = self.values.normal(points.copy())
+        table = self.values.at(points)
+        good = self.values.inside(table) | self._on_zero(table)
+        signs = self._signs(table[: len(self.surfaces.nodes), good])
+        self._note(points[:, good], signs)
 
     def _on_zero(self, table: Floats) -> npt.NDArray[np.bool_]:
         """Points that only seem to be on a surface, because it is zero everywhere."""
@@ -161,10 +184,12 @@ class RegionSearch:
             return_inverse=True,
         )
         kinds, which = signs[:, first], which.reshape(-1)
-        decades = np.abs(np.log10(np.abs(points) + _TINY)).max(axis=0, initial=0.0)
+        decades = np.abs(
+            np.log10(np.maximum(np.abs(points), np.finfo(float).tiny))
+        ).max(axis=0, initial=0.0)
         members: list[list[int]] = [[] for _ in range(kinds.shape[1])]
         for k in np.argsort(decades, kind="stable"):
-            if len(members[which[k]]) < _POOL:
+            if len(members[which[k]]) < EFFORT.kept_points:
                 members[which[k]].append(int(k))
         new = []
         for k in range(kinds.shape[1]):
@@ -174,7 +199,7 @@ class RegionSearch:
             else:
                 region.points += [
                     points[:, m].copy()
-                    for m in members[k][: _POOL - len(region.points)]
+                    for m in members[k][: EFFORT.kept_points - len(region.points)]
                 ]
         self._include(kinds[:, new], [points[:, members[k]] for k in new])
 
@@ -184,7 +209,7 @@ class RegionSearch:
         def exists(k: int) -> bool:
             own = list(points[k].T.copy())
             for point in (
-                own[:_POINTS_TRIED] if len(self.regions) < _MOST_REGIONS else []
+                own[: EFFORT.proofs] if len(self.regions) < EFFORT.regions else []
             ):
                 if self._is_certain(point, kinds[:, k]):
                     region = Region(
@@ -214,33 +239,27 @@ class RegionSearch:
 
     # -- moves -------------------------------------------------------------------------------------------------------
 
-    def _targets(self) -> list[tuple[Region, int, SignArray]]:
+    def _targets(self) -> Iterator[tuple[Region, int, SignArray]]:
         """Regions with one sign changed, where that would add something."""
-        pairs = [(r, k) for r in self.regions for k in self._open]
-        found = []
-        for start in range(0, len(pairs), _CHUNK):
-            part = pairs[start : start + _CHUNK]
-            changed = np.stack([r.signs for r, _ in part], axis=1)
-            rows = [k for _, k in part]
-            changed[rows, np.arange(len(part))] = [
-                -s if s else 1 for s in changed[rows, np.arange(len(part))]
-            ]
-            adds = np.array(
-                [changed[:, m].tobytes() not in self._known for m in range(len(part))],
-                dtype=bool,
-            )
-            adds &= self._independent.adds(changed)
-            found += [(*part[m], changed[:, m]) for m in np.flatnonzero(adds)]
-        return found
+        for region in self.regions:
+            changed = np.repeat(region.signs[:, None], len(self._open), axis=1)
+            own = region.signs[self._open]
+            changed[self._open, range(len(self._open))] = np.where(own, -own, 1)
+            adds = self._independent.adds(changed)
+            for m in np.flatnonzero(adds):
+                if changed[:, m].tobytes() not in self._known:
+                    yield region, self._open[m], changed[:, m]
 
     def _change_signs(self) -> bool:
         """Descend to regions with one sign changed; returns whether there was anything left to try."""
         batch: list[tuple[Region, SignArray]] = []
         for region, k, signs in self._targets():
             key = (k, signs[self._partners[k]].tobytes())
-            if self._failed.get(key, 0) < _TRIES_EACH and len(batch) < _BATCH:
+            if self._failed.get(key, 0) < EFFORT.repeats:
                 self._failed[key] = self._failed.get(key, 0) + 1
                 batch.append((region, signs))
+            if len(batch) == EFFORT.batch:
+                break
         if not batch:
             return False
         self._tries += len(batch)
@@ -248,7 +267,7 @@ class RegionSearch:
         for region, signs in batch:
             others = [
                 self.regions[int(self.rng.integers(len(self.regions)))]
-                for _ in range(_STARTS - 1)
+                for _ in range(EFFORT.starts - 1)
             ]
             for r in (region, *others):
                 starts.append(r.points[int(self.rng.integers(len(r.points)))])

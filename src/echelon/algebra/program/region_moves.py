@@ -12,15 +12,25 @@ import numpy as np
 from echelon.algebra.program.surfaces import RealValues
 from echelon.shared import Floats, Integers
 
-_SPREAD, _DECADES = 1.5, 6.0
-_DESCENT, _PATIENCE, _STAGNANT, _UNREAL = 150, 40, 0.95, 1e6
+SPREAD = 1.5
+"""Standard deviation of the logarithm of random values: most lie between 1/20 and 20."""
+DECADES = 6.0
+"""Orders of magnitude above and below one from which random values come."""
+PATIENCE = 40
+"""Steps within which some point of a descent has to come nearer to its signs."""
+MOST_STEPS = 4 * PATIENCE
+"""Steps of a descent."""
+STAGNANT = 0.95
+"""Share of the violation before, beyond which a point has not come nearer."""
+UNREAL = 1e6
+"""Violation, in units of a surface's first value, that counts for a value that is not finite."""
 
 
 def random_points(rng: np.random.Generator, variables: int, count: int) -> Floats:
     """Random points of either sign: of order one, of one random order of magnitude each, and of many."""
     # shapes: returns (variables, count)
-    magnitude = np.exp(_SPREAD * rng.standard_normal((variables, count)))
-    size = 10 ** rng.uniform(-_DECADES, _DECADES, (variables, count))
+    magnitude = np.exp(SPREAD * rng.standard_normal((variables, count)))
+    size = 10 ** rng.uniform(-DECADES, DECADES, (variables, count))
     kind = np.arange(count) % 4
     magnitude = np.where(
         kind == 2, magnitude * size[:1], np.where(kind == 3, size, magnitude)
@@ -51,10 +61,10 @@ def descended(
     scale[~(scale > 0) | ~np.isfinite(scale)] = 1.0
     cost = _violation(table, wanted, scale)
     before = cost.copy()
-    for step in range(_DESCENT):
+    for step in range(MOST_STEPS):
         left = np.flatnonzero(cost > 0)
-        if step % _PATIENCE == 0 and step:
-            if (cost[left] > _STAGNANT * before[left]).all():
+        if step % PATIENCE == 0 and step:
+            if (cost[left] > STAGNANT * before[left]).all():
                 break
             before = cost.copy()
         if not len(left):
@@ -76,7 +86,7 @@ def _violation(table: Floats, wanted: Floats, scale: Floats) -> Floats:
     """Distance of points from the wanted signs, in units of the surfaces' first values."""
     with np.errstate(all="ignore"):
         wrong = np.where(wanted * table > 0, 0.0, 1e-12 + np.abs(table) / scale)
-    wrong = np.where(np.isfinite(wrong), wrong, _UNREAL)
+    wrong = np.where(np.isfinite(wrong), wrong, UNREAL)
     return np.asarray(np.where(wanted == 0, 0.0, wrong).sum(axis=0), dtype=np.float64)
 
 

@@ -36,6 +36,10 @@ from echelon.shared import EchelonError
 Array = npt.NDArray[Any]
 
 
+BLOCK = 1024
+"""Samples that are evaluated together, so that the table of intermediate values stays in a cache."""
+
+
 class Arithmetic(Protocol):
     """Arithmetic that a schedule runs in."""
 

@@ -367,7 +367,8 @@ Combination = tuple[tuple[int, int], tuple[int, int]]  # two surfaces with a sig
 
 _Linear = dict[int, Fraction]  # ratios of atoms; −1 for the constant
 _FIELD = PrimeField.of(2**31 - 105)
-_MOST_ATOMS = 64
+MOST_ATOMS = 64
+"""Terms of a linear form; longer ones are hardly ever parallel to another."""
 
 
 def impossible(
@@ -398,7 +399,7 @@ def _linear_forms(
         found = _combined(program, node, constants, forms)
         forms[node] = (
             found
-            if found is not None and len(found) <= _MOST_ATOMS
+            if found is not None and len(found) <= MOST_ATOMS
             else {node: Fraction(1)}
         )
     return forms

@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from echelon.algebra.exact import polynomial
-from echelon.algebra.exact.expressions import parse_decimal
+from echelon.algebra.exact.expressions import MOST_BITS, parse_decimal
 from echelon.algebra.exact.polynomial import (
     Number,
     Polynomial,
@@ -37,8 +37,8 @@ from echelon.algebra.exact.polynomial import (
 from echelon.algebra.program.operations import Op, folded
 from echelon.shared import InputError
 
-_LARGEST_EXPONENT = 128
-_MOST_BITS = 20_000
+LARGEST_POWER = 128
+"""Exponent of a power: it takes fourteen products at most."""
 
 
 def _recorded(op: Op, meaning: str) -> Callable[[Scalar], Scalar]:
@@ -237,10 +237,8 @@ def power(base: Scalar, exponent: Scalar) -> Scalar:
     number = exponent.number
     if isinstance(number, int | Fraction) and (2 * number).denominator == 1:
         count, half = divmod(abs(Fraction(number)), 1)
-        if count > _LARGEST_EXPONENT:
-            raise InputError(
-                f"the exponent {number} is larger than {_LARGEST_EXPONENT}"
-            )
+        if count > LARGEST_POWER:
+            raise InputError(f"the exponent {number} is larger than {LARGEST_POWER}")
         total = _integer_power(base, int(count))
         total = total * square_root(base) if half else total
         return total if number >= 0 else 1 / total
@@ -250,9 +248,9 @@ def power(base: Scalar, exponent: Scalar) -> Scalar:
 def _integer_power(base: Scalar, count: int) -> Scalar:
     """By repeated squaring, from the lowest bit on."""
     value = base.number
-    if isinstance(value, int | Fraction) and count * _bits(value) > _MOST_BITS:
+    if isinstance(value, int | Fraction) and count * _bits(value) > MOST_BITS:
         raise InputError(
-            f"a power of a number would have more than {_MOST_BITS} bits; its exponent is too large"
+            f"a power of a number would have more than {MOST_BITS} bits; its exponent is too large"
         )
     return repeated(base, count, base.program.one, mul)
 

@@ -43,7 +43,7 @@ from echelon.algebra.program.tape import (
     power,
     square_root,
 )
-from echelon.shared import InputError, shortened
+from echelon.shared import InputError, listed, shortened
 
 
 def heaviside(x: Scalar) -> Scalar:
@@ -66,8 +66,8 @@ COMPOUND: Mapping[str, tuple[int | None, Callable[[Sequence[Scalar]], Scalar]]] 
 _PLAIN = {op.name.lower(): op for op in FUNCTIONS}
 FUNCTION_NAMES = (*_PLAIN, *COMPOUND)  # the functions that a text may hold
 
-_LONGEST = 4000
-_SHOWN_NAMES = 12
+LONGEST = 4000
+"""Characters of an expression: longer ones take seconds to read."""
 _CIRCULAR = (Op.SIN, Op.COS, Op.TAN)
 
 
@@ -91,9 +91,9 @@ def record_expression(
     {'ABS': 1, 'ADD': 1, 'MUL': 1}
     """
     shown = shortened(text)
-    if len(text) > _LONGEST:
+    if len(text) > LONGEST:
         raise InputError(
-            f"'{shown}': an expression has at most {_LONGEST} characters", element=where
+            f"'{shown}': an expression has at most {LONGEST} characters", element=where
         )
     source = text.strip().replace("^", "**")
     try:
@@ -244,15 +244,8 @@ class _Recorder:
             )
         if name in FUNCTION_NAMES:
             raise InputError(f"'{name}' is a function: write {name}(...)")
-        known = sorted(self.names)
-        more = (
-            f" and {len(known) - _SHOWN_NAMES} more"
-            if len(known) > _SHOWN_NAMES
-            else ""
-        )
-        raise InputError(
-            f"'{name}' is unknown (valid: {', '.join(known[:_SHOWN_NAMES]) or 'none'}{more})"
-        )
+        known = listed(sorted(self.names)) or "none"
+        raise InputError(f"'{name}' is unknown (valid: {known})")
 
     def _source(self, node: ast.expr) -> str:
         return ast.get_source_segment(self.text, node) or ""

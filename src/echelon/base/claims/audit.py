@@ -46,9 +46,8 @@ from echelon.dynamics import assembly_of
 from echelon.robot import Mechanism, MotionKind, Readable, all_symbols
 from echelon.shared import Floats, InputError, public
 
-_PROPAGATED = (
-    10.0  # how much larger than a rounded angle its effect on a coefficient may be
-)
+PROPAGATED = 10.0
+"""Largest effect on a coefficient of a change of an angle, by that change: lengths are metres, and few multiply."""
 
 Claims = str | os.PathLike[str] | Sequence[str] | Mapping[str, str]
 
@@ -176,7 +175,7 @@ def _notes(model: BaseModel, found: Sequence[ClaimFinding]) -> tuple[str, ...]:
         for d in f.differences
         if d.difference is not None
     ]
-    if snapped <= ROUNDING or not any(gap <= _PROPAGATED * snapped for gap in gaps):
+    if snapped <= ROUNDING or not any(gap <= PROPAGATED * snapped for gap in gaps):
         return ()
     return (
         f"the robot file's rounded angles were read as exact (largest change {snapped:.2g}), which differences of this "
@@ -250,8 +249,10 @@ class _Linking:
         return sorted({*self.model.mechanism.symbols, *self.model.matrix.symbols})
 
 
-_STATES = 16
-_NEGLIGIBLE = 1e-12
+STATES = 16
+"""Random states, of which the one where a wrong set shows most is the witness."""
+NEGLIGIBLE = 1e-12
+"""Part of a change or an output that rounding makes."""
 
 
 @dataclass(frozen=True)
@@ -342,10 +343,10 @@ class WitnessSearch:
             for i in self.model.standard_forms.program.inputs.values()
             if i.name[:2] == "i["
         )
-        return {name: rng.uniform(-2.0, 2.0, _STATES).round(2) for name in names}
+        return {name: rng.uniform(-2.0, 2.0, STATES).round(2) for name in names}
 
     def _witness(self, change: Floats) -> Witness:
-        change = np.where(np.abs(change) > _NEGLIGIBLE, change, 0.0)
+        change = np.where(np.abs(change) > NEGLIGIBLE, change, 0.0)
         outputs = self.regressor @ change
         loudest = int(np.abs(outputs).sum(axis=1).argmax())
         scale = np.abs(self.regressor).max(initial=1.0)
@@ -357,7 +358,7 @@ class WitnessSearch:
                 for name, v in zip(self.matrix.parameters, change, strict=True)
                 if v
             },
-            {i + 1: float(v) for i, v in enumerate(felt) if abs(v) > _NEGLIGIBLE},
+            {i + 1: float(v) for i, v in enumerate(felt) if abs(v) > NEGLIGIBLE},
             {
                 "q": q,
                 "qd": qd,
@@ -365,7 +366,7 @@ class WitnessSearch:
                 **{f"i[{k}]": (float(v[loudest]),) for k, v in self.measured.items()},
             },
             {
-                output.name: float(v) if abs(v) > _NEGLIGIBLE * scale else 0.0
+                output.name: float(v) if abs(v) > NEGLIGIBLE * scale else 0.0
                 for output, v in zip(
                     self.model.mechanism.outputs, outputs[loudest], strict=True
                 )
@@ -382,13 +383,13 @@ def random_states(
     """Random states with two decimals; quaternions have unit length, and loops are closed."""
     mechanism = model.mechanism
     if closed := assembly_of(mechanism, symbols):
-        return closed.random_closed_states(rng, _STATES)
-    q = rng.uniform(-2.0, 2.0, (_STATES, len(mechanism.positions))).round(2)
+        return closed.random_closed_states(rng, STATES)
+    q = rng.uniform(-2.0, 2.0, (STATES, len(mechanism.positions))).round(2)
     for motion in mechanism.motions:
         if motion.kind is MotionKind.BALL:
             first = mechanism.positions.index(motion.positions[0])
             q[:, first : first + 4] /= np.linalg.norm(
                 q[:, first : first + 4], axis=1, keepdims=True
             )
-    rates = rng.uniform(-2.0, 2.0, (2, _STATES, len(mechanism.velocities))).round(2)
+    rates = rng.uniform(-2.0, 2.0, (2, STATES, len(mechanism.velocities))).round(2)
     return q, rates[0], rates[1]

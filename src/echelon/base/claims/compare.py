@@ -53,8 +53,10 @@ Row = Mapping[
 ]  # claimed coefficients by column, in the order of the text
 
 _ZERO, _ONE = RationalFunction(0), RationalFunction(1)
-_PRIME_BITS = 61
+PRIME_BITS = 61
+"""Size of primes whose residues still fit machine words: few rows agree by chance, and none need be proved."""
 _NOISE = 1e-9
+"""Residual, relative to a row, up to which rounding of doubles may make it."""
 
 
 @dataclass(frozen=True)
@@ -204,8 +206,14 @@ def _rounding(
 ) -> Floats:
     """The most that rounding explains at some columns: of their coefficients, and of those that multiply rows of B."""
 
+    def size(some: Row, column: int) -> float:
+        return geometry.roughly(some.get(column, _ZERO)) or 0.0
+
     def own(column: int) -> float:
-        return precision.tolerance(geometry.roughly(row.get(column, _ZERO)) or 0.0)
+        return precision.tolerance(size(row, column))
+
+    def most(column: int) -> float:
+        return own(column) + sum(off * abs(size(o, column)) for off, o in inexact)
 
     exact = zip(matrix.pivots, matrix.rows, strict=True)
     inexact = [
@@ -213,16 +221,7 @@ def _rounding(
         for p, other in exact
         if p in row and row[p] not in (_ONE, -_ONE)
     ]
-    return (1 + 1e-9) * np.array(
-        [
-            own(c)
-            + sum(
-                off * abs(geometry.roughly(o.get(c, _ZERO)) or 0.0)
-                for off, o in inexact
-            )
-            for c in columns
-        ]
-    )
+    return (1 + 1e-9) * np.array([most(c) for c in columns])
 
 
 def coefficient_words(value: RationalFunction) -> str:
@@ -250,7 +249,7 @@ def span_exactly(
 ) -> Span:
     """The span for generic geometry."""
     for _ in range(MOST_ATTEMPTS):
-        field = PrimeField.random(rng, _PRIME_BITS)
+        field = PrimeField.random(rng, PRIME_BITS)
         try:
             values = _residues(rows, matrix, field, rng)
         except DegenerateSampleError:

@@ -31,12 +31,14 @@ from pathlib import Path
 from typing import Any
 
 from echelon.algebra import (
+    LARGEST_EXPONENT,
     Polynomial,
     RationalFunction,
     expression_tree,
     parse,
     parse_decimal,
 )
+from echelon.base.expression import DECIMAL_DIGITS
 from echelon.base.model import BaseModel
 from echelon.shared import PARAMETERS, InputError, parse_json, read_document
 
@@ -51,7 +53,6 @@ _SCHEMA = "echelon.base-model/1"
 _DECIMAL = re.compile(
     r"(?<![\w.])(?:(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\w.])"
 )
-_MOST_DIGITS = 9
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,9 @@ def precision_of(texts: Iterable[str]) -> DecimalPrecision:
     decimals = max((-int(number.exponent) for number in found), default=0)
     significant = max((len(number.digits) for number in found), default=0)
     return (
-        DecimalPrecision(min(decimals, _MOST_DIGITS), min(significant, _MOST_DIGITS))
+        DecimalPrecision(
+            min(decimals, DECIMAL_DIGITS), min(significant, DECIMAL_DIGITS)
+        )
         if decimals > 0
         else DecimalPrecision(None)
     )
@@ -247,7 +250,6 @@ Terms = dict[
     str, RationalFunction
 ]  # coefficients by parameter; the key "" holds the part without a parameter
 
-_LARGEST_EXPONENT = 32
 _ONE = RationalFunction(1)
 _SIGNS = str.maketrans({"−": "-", "·": "*", "×": "*", "–": "-"})
 _SUPERSCRIPT = re.compile("[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
@@ -364,9 +366,9 @@ class LinearReader:
         value = self._coefficient(exponent)
         number = value.numerator.number if value.is_polynomial else None
         whole = isinstance(number, int | Fraction) and Fraction(number).denominator == 1
-        if not whole or not 0 <= int(number) <= _LARGEST_EXPONENT:  # type: ignore[arg-type]
+        if not whole or not 0 <= int(number) <= LARGEST_EXPONENT:  # type: ignore[arg-type]
             raise ValueError(
-                f"only powers 0 to {_LARGEST_EXPONENT} are possible, not '{self._source(exponent)}'"
+                f"only powers 0 to {LARGEST_EXPONENT} are possible, not '{self._source(exponent)}'"
             )
         factor, result = self._coefficient(base), _ONE
         for _ in range(int(number)):  # type: ignore[arg-type]

@@ -9,10 +9,11 @@ from typing import Any
 
 from echelon.base.claims.reading import Claim
 from echelon.base.expression import Expression
-from echelon.shared import one_line, public
+from echelon.shared import one_line, public, shortened
 
 SCHEMA_NAME = "echelon.audit/1"
-_LONGEST = 160  # characters of a row that are shown
+ROW_WIDTH = 160
+"""Characters of a row that are shown: two lines of a terminal."""
 
 
 class Verdict(Enum):
@@ -259,10 +260,8 @@ def _counts(audit: Audit) -> list[str]:
 
 def _title(finding: ClaimFinding) -> str:
     name = f"{finding.claim.name} = " if finding.claim.name else ""
-    text = one_line(
-        f"row {finding.number} ({finding.claim.where}): {name}{finding.claim.text}"
-    )
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"
+    text = f"row {finding.number} ({finding.claim.where}): {name}{finding.claim.text}"
+    return shortened(text, ROW_WIDTH)
 
 
 def _proof(finding: ClaimFinding) -> list[str]:

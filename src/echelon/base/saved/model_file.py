@@ -13,9 +13,8 @@ from echelon.formats import load_model as read_model
 from echelon.robot import Mechanism
 from echelon.shared import InputError, public
 
-_HEAD = (
-    4096  # bytes at the beginning of a saved set, among which is the name of its schema
-)
+HEAD = 4096
+"""Bytes at the beginning of a saved set, among which is the name of its schema."""
 
 
 @public
@@ -80,4 +79,4 @@ def _says(source: Any, schema: str) -> bool:
     if not os.path.isfile(source):  # of a long text, pathlib raises an OSError
         return False
     with Path(source).open("rb") as stream:
-        return f'"{schema}"'.encode() in stream.read(_HEAD)
+        return f'"{schema}"'.encode() in stream.read(HEAD)

@@ -483,8 +483,10 @@ def _read(
         raise InputError(str(error), source=str(path)) from None
 
 
-_SEED_BITS = 128
-_SAME = 1e-6  # logarithms; sums of them may round differently elsewhere
+SEED_BITS = 128
+"""Size of a fresh seed, which nobody guesses who makes up a set."""
+SAME_LOGARITHM = 1e-6
+"""Difference of logarithms of probabilities, whose sums may round differently on another machine."""
 
 
 @public
@@ -532,7 +534,7 @@ def verify(
         raise CertificateError(
             f"the certificate has the seed {recorded.seed}, the set {model.seed}"
         )
-    fresh = secrets.randbits(_SEED_BITS) if seed is None else seed
+    fresh = secrets.randbits(SEED_BITS) if seed is None else seed
     if isinstance(model, LinearBase):
         progress("checking every column at new points")
         if model.generic:
@@ -602,7 +604,7 @@ def _compare(recorded: Certificate, repeated: Certificate) -> None:
     for field in fields(Certificate):
         stated, found = getattr(recorded, field.name), getattr(repeated, field.name)
         same = (
-            isclose(stated, found, abs_tol=_SAME)
+            isclose(stated, found, abs_tol=SAME_LOGARITHM)
             if isinstance(stated, float) and found is not None
             else stated == found
         )

@@ -195,10 +195,10 @@ def _contents(argument: Argument) -> str:
 
 # -- without LLVM ------------------------------------------------------------------------------------------------------
 
-_TOGETHER = (
-    1 << 17
-)  # values of nodes that are computed together, which stay in the cache
-_LARGE = 10**9  # operations: several seconds
+_TOGETHER = 1 << 17
+"""Values of nodes that are computed together, which stay in the cache."""
+_LARGE = 10**9
+"""Operations that take several seconds."""
 _SLOW = 'NumPy computes this; machine code takes a tenth of the time or less: pip install "echelon-robotics[fast]"'
 
 
@@ -247,12 +247,14 @@ class Interpreted:
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
 _COMPUTE = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER)
 _RUN = (*_COMPUTE, _POINTER)
-_CACHED_BYTES = (
-    1 << 22
-)  # results beyond this size leave the caches before anyone reads them
-_PAGE = 4096  # bytes
-_FEWEST = 512  # samples worth a thread of their own
-_SHARES = 4  # pieces per thread, so that a thread that is held up does not hold up all
+_CACHED_BYTES = 1 << 22
+"""Size of results beyond which they leave the caches before anyone reads them."""
+_PAGE = 4096
+"""Bytes of a page of memory."""
+_FEWEST = 512
+"""Samples that are worth a thread of their own."""
+_SHARES = 4
+"""Pieces per thread, so that a thread that is held up does not hold up all."""
 
 
 class Kernel:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import pi
 
 from echelon.algebra import (
     Function,
@@ -214,7 +215,7 @@ _BINARY = {
 _LIBRARY = {Op.EXP: "exp", Op.LOG: "log", Op.TANH: "tanh", Op.ATAN: "atan"}
 LARGEST_ANGLE = 1e9  # radians; beyond, the C library takes over
 
-_TURNS = 2 / 3.141592653589793
+_TURNS = 2 / pi
 _HALF_PI = tuple(
     map(
         float.fromhex,

@@ -178,7 +178,8 @@ VARIABLES = (
 
 
 _MAGIC = b"echelon object code 1\n"
-_MOST_ENTRIES = 1000
+MOST_ENTRIES = 1000
+"""Files of object code in the cache; the oldest go first."""
 _VARIABLE = "ECHELON_CACHE"
 
 
@@ -273,9 +274,9 @@ def _store(path: Path, key: str, code: bytes) -> None:
         )
         return
     with suppress(OSError):  # another process may remove entries at the same time
-        if len(os.listdir(path.parent)) > _MOST_ENTRIES:
+        if len(os.listdir(path.parent)) > MOST_ENTRIES:
             entries = sorted(
                 path.parent.glob("*.bin"), key=lambda entry: entry.stat().st_mtime
             )
-            for old in entries[:-_MOST_ENTRIES]:
+            for old in entries[:-MOST_ENTRIES]:
                 old.unlink(missing_ok=True)

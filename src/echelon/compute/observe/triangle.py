@@ -18,12 +18,13 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from echelon.shared import Flags, Floats, InputError, extra
+from echelon.shared import Flags, Floats, InputError, extra, listed
 
-ROWS = 384  # rows of a block: its columns stay in the cache
+ROWS = 384
+"""Rows of a block: its columns stay in the cache."""
 
-_REFLECTORS = 8  # applied together
-_SHOWN = 6
+_REFLECTORS = 8
+"""Reflectors that are applied together."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -104,8 +105,7 @@ class Triangle:
             for k in np.argsort(-weight.round(9), kind="stable")
             if weight[k] > 1e-3
         ]
-        shown = ", ".join(involved[:_SHOWN]) + (", …" if len(involved) > _SHOWN else "")
-        return f"{start}; those they leave open involve {shown}: excite them, or leave parameters out with select()"
+        return f"{start}; those they leave open involve {listed(involved)}: excite them, or leave parameters out with select()"
 
     def __repr__(self) -> str:
         return (

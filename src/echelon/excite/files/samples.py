@@ -23,6 +23,7 @@ from pydantic import AliasChoices, Field
 from pydantic import BaseModel as Schema
 
 from echelon.base import checked
+from echelon.excite.problem.state_limits import NUMBERS_AT_ONCE
 from echelon.excite.problem.trajectory import (
     DEGREE,
     LARGEST,
@@ -44,7 +45,8 @@ from echelon.shared import (
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-FEWEST = 6  # samples that a quintic spline goes through
+FEWEST = DEGREE + 1
+"""Samples that a spline goes through."""
 
 PREFIXES = (
     "q",
@@ -52,9 +54,10 @@ PREFIXES = (
     "qdd",
 )  # prefixes of the names of columns, by the order of the derivative
 
-_MOST = 5_000_000
-_AT_ONCE = 4_000_000
-_ON_GRID = 1e-6
+MOST_SAMPLES = 5_000_000
+"""Samples that are written: an hour at 1 kHz, in a file that programs still open."""
+ON_GRID = 1e-6
+"""Part of a step by which rounding may leave the end of a motion beside the grid of samples."""
 
 
 @dataclass(frozen=True)
@@ -121,14 +124,14 @@ def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> MotionSamp
         )
     end = trajectory.duration * repeats
     steps = end * rate
-    if steps > _MOST:
+    if steps > MOST_SAMPLES:
         raise InputError(
-            f"{rate:g} Hz gives {steps:.3g} samples; at most {_MOST} are written",
+            f"{rate:g} Hz gives {steps:.3g} samples; at most {MOST_SAMPLES} are written",
             element="rate",
         )
-    whole = round(steps) if abs(steps - round(steps)) < _ON_GRID else math.floor(steps)
+    whole = round(steps) if abs(steps - round(steps)) < ON_GRID else math.floor(steps)
     t = np.arange(whole + 1) / rate
-    t = np.append(t, end) if steps - whole >= _ON_GRID else np.append(t[:-1], end)
+    t = np.append(t, end) if steps - whole >= ON_GRID else np.append(t[:-1], end)
     if len(t) < FEWEST:
         problem = f"{rate:g} Hz gives {len(t)} samples in {end:g} s; at least {FEWEST} make a trajectory"
         raise InputError(problem, element="rate")
@@ -138,7 +141,7 @@ def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> MotionSamp
 
 def _evaluated(trajectory: Trajectory, t: Floats, order: int) -> Floats:
     """Derivatives at times, evaluated in pieces, because all functions of a basis are evaluated at once."""
-    rows = max(1, _AT_ONCE // trajectory.basis.size)
+    rows = max(1, NUMBERS_AT_ONCE // trajectory.basis.size)
     return np.concatenate(
         [trajectory(t[k : k + rows], order) for k in range(0, len(t), rows)]
     )
@@ -304,7 +307,7 @@ def _check_units(
             raise InputError(problem, source=source, element=f"column '{field.name}'")
 
 
-_NANO = 10**9  # steps of the message's times in a second
+_NANO = 10**9  # nanoseconds in a second
 _STATES = ("positions", "velocities", "accelerations")
 
 
@@ -345,13 +348,13 @@ def _number(value: float) -> str:
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
-_LATEST = 2**31
+_INT32 = np.iinfo(np.int32)  # the message's type of seconds
 _SHAPE = "a JointTrajectory with joint_names and points"
 
 
 class _Stamp(Schema):
     sec: int = Field(
-        gt=-_LATEST, lt=_LATEST, validation_alias=AliasChoices("sec", "secs")
+        ge=_INT32.min, le=_INT32.max, validation_alias=AliasChoices("sec", "secs")
     )
     nanosec: int = Field(
         ge=0, lt=_NANO, validation_alias=AliasChoices("nanosec", "nsec", "nsecs")
@@ -407,7 +410,8 @@ def _values(points: Sequence[_Point], name: str, width: int) -> Floats | None:
 
 # -- a spline through samples ----------------------------------------------------------------------------------------
 
-GROSS = 0.2  # root mean square of a difference, relative to that of what differs, that cannot come from interpolating
+GROSS = 0.2
+"""Root mean square of a difference, relative to that of what differs, that cannot come from interpolating."""
 
 
 def interpolated(

@@ -19,14 +19,18 @@ from echelon.excite.problem.shapes import Shape, ShapeKind, bounding_sphere, pla
 from echelon.robot import GROUND
 from echelon.shared import Flags, Floats, InputError
 
-POSES = 512  # random poses: of six joints, a half that one joint decides is met with certainty, a tenth of it as well
-KEPT_SHARE = 0.7  # share of the largest distance that is kept: the rest is what the pair may move by
-MILLIMETRE = 1e-3  # m; allowances are whole numbers of them
-ROOM = 5e-4  # m beyond the clearance, without which a motion has nowhere to go
-COMMON = 0.25  # share of poses with that room, below which the clearance leaves too few
-STILL = 1e-4  # m, by which a distance that does not depend on the pose may vary: rounding, and facets of meshes
-PROBE = 1e-3  # m, radius of a ball that stands for a point
-HELD_DEPTH = 0.02  # m, by which an obstacle holds a point of the base: more than a plate or a rounded drawing explains
+POSES = 512
+"""Random poses: of six joints, a half that one joint decides is met with certainty, a tenth of it as well."""
+KEPT_SHARE = 0.7
+"""Share of the largest distance that is kept: the rest is what the pair may move by."""
+MILLIMETRE = 1e-3
+"""Unit of allowances, m; without half of it beyond the clearance a motion has nowhere to go."""
+COMMON = 0.25
+"""Share of poses with that room, below which the clearance leaves too few."""
+STILL = 1e-4
+"""Length, m, by which a distance that does not depend on the pose may vary: rounding, and facets of meshes."""
+HELD_DEPTH = 0.02
+"""Depth, m, by which an obstacle holds a point of the base: more than a plate or a rounded drawing explains."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ def allowances_of(stated: Clearance, poses: Floats) -> Allowances:
     found, reached = _without(found, never[found.groups]), reached[:, ~never]
     largest = reached.max(axis=0)
     kept = np.floor(KEPT_SHARE * largest / MILLIMETRE) * MILLIMETRE
-    common = (reached >= found.low + ROOM).mean(axis=0)
+    common = (reached >= found.low + MILLIMETRE / 2).mean(axis=0)
     lower = (common < COMMON) & (KEPT_SHARE * largest < found.low)
     low = np.where(lower, np.minimum(kept, found.low), found.low)
     lowered = []
@@ -157,7 +161,7 @@ def _centre(shape: Shape, frame: Floats) -> Floats:
 def _depth(obstacle: Shape, points: Sequence[Floats]) -> float:
     """The largest depth of some points inside an obstacle, m; negative outside."""
     engine = Engine(
-        (obstacle, Shape("point", GROUND, ShapeKind.SPHERE, (PROBE,), np.eye(4)))
+        (obstacle, Shape("point", GROUND, ShapeKind.SPHERE, (MILLIMETRE,), np.eye(4)))
     )
     places = np.stack(
         [
@@ -167,7 +171,7 @@ def _depth(obstacle: Shape, points: Sequence[Floats]) -> float:
     )
     asked = np.array([(k, 0, 1) for k in range(len(points))], dtype=np.intp)
     distances = engine.measure(places, asked, 1.0).distances
-    return float(-(distances.min() + PROBE))
+    return float(-(distances.min() + MILLIMETRE))
 
 
 def _holds(obstacle: Shape) -> str:

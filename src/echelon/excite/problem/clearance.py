@@ -26,6 +26,7 @@ import numpy as np
 
 from echelon.dynamics import Kinematics
 from echelon.excite.problem.shapes import (
+    TOUCHING,
     WORLD,
     BoundingSpheres,
     Owner,
@@ -33,7 +34,7 @@ from echelon.excite.problem.shapes import (
     ShapeKind,
     placed,
 )
-from echelon.excite.problem.state_limits import Slopes, StateConstraint
+from echelon.excite.problem.state_limits import SECONDS, Slopes, StateConstraint
 from echelon.formats import import_mujoco, quaternion_matrix
 from echelon.robot import GROUND, Mechanism, MotionKind
 from echelon.shared import EchelonError, Floats, InputError, Integers
@@ -41,8 +42,10 @@ from echelon.shared import EchelonError, Floats, InputError, Integers
 _OLDEST = (3, 12)
 """Versions of MuJoCo before this one have wrong distances, by up to decimetres, for some convex shapes far apart."""
 
-_TOLERANCE = 1e-10  # m
-_ITERATIONS = 200
+CCD_TOLERANCE = 1e-10
+"""Tolerance of MuJoCo's distances, m: slopes are taken from the points that are nearest."""
+CCD_ITERATIONS = 200
+"""Iterations of MuJoCo until that tolerance is met."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,10 @@ class Engine:
     def _compiled(self) -> Any:
         mujoco = self._mujoco
         spec = mujoco.MjSpec()
-        spec.option.ccd_tolerance, spec.option.ccd_iterations = _TOLERANCE, _ITERATIONS
+        spec.option.ccd_tolerance, spec.option.ccd_iterations = (
+            CCD_TOLERANCE,
+            CCD_ITERATIONS,
+        )
         for k, shape in enumerate(self.shapes):
             if shape.core is None or shape.kind in (
                 ShapeKind.SPHERE,
@@ -246,12 +252,11 @@ def _meant(mechanism: Mechanism, shapes: Sequence[Shape], name: str) -> frozense
     )
 
 
-REACH = 0.2  # how far beyond the clearance distances are measured, m: enough to be warned before a limit is near
+REACH = 0.2
+"""Distance beyond the clearance up to which distances are measured, m: enough to be warned before a limit is near."""
 
-SECONDS_PER_PAIR = 8e-6  # work of the distance of two meshes with its slope, as measured where half are out of reach
-
-MISLED = 1e-4  # m, by which nearest points may be further apart than the distance
-_TOUCHING = 1e-12  # m, below which points do not tell a normal
+MISLED = 1e-4
+"""Length, m, by which nearest points may be further apart than the distance and still tell a normal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +271,7 @@ class Clearance(StateConstraint):
     @property
     def seconds(self) -> float:
         """Work of all distances and their slopes at a sample, s."""
-        return SECONDS_PER_PAIR * len(self.pairs)
+        return SECONDS.distance * len(self.pairs)
 
     @cached_property
     def owners(self) -> tuple[tuple[Owner, Owner], ...]:
@@ -445,7 +450,7 @@ def _normals(points: Floats, distances: Floats) -> Floats:
     # of overlapping shapes the points lie the other way round
     signs = np.where(distances < 0, -1.0, 1.0)[:, None]
     # points of faces that lie on each other need not be opposite: the distance then changes otherwise, or not at all
-    told = (lengths > _TOUCHING) & (
+    told = (lengths > TOUCHING) & (
         np.abs(lengths - np.abs(distances)[:, None]) < MISLED
     )
-    return np.where(told, signs * apart / np.maximum(lengths, _TOUCHING), 0.0)
+    return np.where(told, signs * apart / np.maximum(lengths, TOUCHING), 0.0)

@@ -24,7 +24,7 @@ from echelon.algebra import DEFAULT_SEED, Function, Program, random_generator
 from echelon.compute import Kernel
 from echelon.dynamics import Builder, CompiledAssembly, geometry_values, motion_function
 from echelon.excite.problem.information import ADJOINT, StateRegressor, pullback
-from echelon.excite.problem.state_limits import Slopes, StateConstraint
+from echelon.excite.problem.state_limits import SECONDS, Slopes, StateConstraint
 from echelon.loops import (
     LARGEST_CORRECTION,
     STRIDE,
@@ -36,12 +36,14 @@ from echelon.loops import (
 from echelon.robot import Mechanism, Motion, MotionKind
 from echelon.shared import Flags, Floats, InputError
 
-_SHORTEST = (
-    2e-3  # of a step on the way to a configuration, rad or characteristic lengths
-)
-_REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints
-_POSES = 64  # that tell what openness is usual
-_SINGULAR = 1e-9  # openness; beyond this dependent rates are of no use
+SHORTEST_STEP = 2e-3
+"""Shortest step on the way to a configuration, rad or characteristic lengths: a solver also tries what cannot close."""
+REMEMBERED = 4
+"""Sets of samples whose configurations are kept: those of the criterion and of the constraints."""
+POSES = 64
+"""Random poses that tell what openness is usual."""
+SINGULAR = 1e-9
+"""Openness up to which dependent rates are of no use."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class LoopMotion(CompiledAssembly):
     @cached_property
     def reference(self) -> float:
         """The largest openness of some poses about that of the assembly, which may itself be nearly singular."""
-        poses, _, _ = self.random_closed_states(random_generator(DEFAULT_SEED), _POSES)
+        poses, _, _ = self.random_closed_states(random_generator(DEFAULT_SEED), POSES)
         poses = np.vstack([self.pose, poses])
         return float(np.nanmax(self.run("openness", q=poses)))
 
@@ -111,17 +113,17 @@ class LoopMotion(CompiledAssembly):
             near, done = self._stepped(known[1], wanted)
             q[known[1].done], left = known[1].q[known[1].done], ~done
             q[done], gone[done] = near[done], 1.0
-        q[left], gone[left] = self.followed(q[left], wanted[left], _SHORTEST)
+        q[left], gone[left] = self.followed(q[left], wanted[left], SHORTEST_STEP)
         away = (wanted - q[:, self.independent_places]) / self.independent_units
         open_ = self.run("openness", q=q)[:, 0]
-        done = (gone >= 1) & (open_ > _SINGULAR)
+        done = (gone >= 1) & (open_ > SINGULAR)
         missing = np.where(gone[:, None] < 1, away, 0.0)
         closed = Closed(q, done, missing, np.where(done, open_, 0.0))
         others = [
             (count, last) for count, last in self._last.items() if count != len(wanted)
         ]
         self._last = dict(
-            [*others[1 - _REMEMBERED :], (len(wanted), (wanted.copy(), closed))]
+            [*others[1 - REMEMBERED :], (len(wanted), (wanted.copy(), closed))]
         )
         return closed
 
@@ -199,8 +201,9 @@ def _position_rates(mechanism: Mechanism) -> Function:
     )
 
 
-NO_WEIGHT, FULL_WEIGHT = 0.05, 0.1
-"""Openness, as a share of :attr:`LoopMotion.reference`, below which samples do not count and above which they do."""
+FULL_WEIGHT = 0.1
+"""Openness, as a share of :attr:`LoopMotion.reference`, from which samples count in full; up to half of it, not."""
+NO_WEIGHT = FULL_WEIGHT / 2
 
 
 def state_regressor(
@@ -294,11 +297,8 @@ class LoopRegressor(StateRegressor):
         return share**2 * (3 - 2 * share), 6 * share * (1 - share) * scale
 
 
-SECONDS_TO_CLOSE = 2e-4  # work of closing loops at a sample, with derivatives, as measured with a Delta robot
-
-OPEN = (
-    0.15  # least openness that a solver has to keep, as a share of LoopMotion.reference
-)
+OPEN = 1.5 * FULL_WEIGHT
+"""Least openness that a solver has to keep: some is lost between its samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +317,7 @@ class LoopLimits(StateConstraint):
     @property
     def seconds(self) -> float:
         """Work of the parts, and of closing the loops."""
-        return SECONDS_TO_CLOSE + sum(part.seconds for part in self.parts)
+        return SECONDS.closing + sum(part.seconds for part in self.parts)
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at independent states of shape (N, k), shape (N, m)."""

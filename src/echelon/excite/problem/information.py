@@ -198,13 +198,12 @@ class MotionInformation:
 
 Slope = tuple[float, Floats]
 
-_SHARPNESS = 8
+SHARPNESS = 8
 """Exponent of the norms that stand for the largest and the smallest eigenvalue: high ones follow them closely, low ones
 are smooth.  The result is a bound of the condition number, and reported is the number itself."""
 
-_NOTHING = (
-    1e-100  # information that counts as none: squares of its inverse are still numbers
-)
+NO_INFORMATION = 1e-100
+"""Information that counts as none: squares of its inverse are still numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,10 +254,10 @@ def _a_optimal(F: Floats) -> Slope:
 
 def _condition(F: Floats) -> Slope:
     values, vectors = _spectrum(F)
-    if values[-1] <= _NOTHING:  # nothing is seen, which is not well conditioned
+    if values[-1] <= NO_INFORMATION:  # nothing is seen, which is not well conditioned
         return -0.5 * float(np.log(np.finfo(float).eps)), np.zeros_like(F)
     large, small = values / values[-1], values[0] / values
-    p = _SHARPNESS
+    p = SHARPNESS
     up, down = np.sum(large**p), np.sum(small**p)
     value = 0.5 * (np.log(values[-1] / values[0]) + (np.log(up) + np.log(down)) / p)
     slopes = 0.5 * (large**p / up - small**p / down) / values
@@ -269,7 +268,7 @@ def _spectrum(F: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues, ascending, and eigenvectors; what is lost in rounding counts as the least that is not."""
     values, vectors = np.linalg.eigh(F)
     return np.maximum(
-        values, max(np.finfo(float).eps * float(values[-1]), _NOTHING)
+        values, max(np.finfo(float).eps * float(values[-1]), NO_INFORMATION)
     ), vectors
 
 

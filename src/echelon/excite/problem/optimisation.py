@@ -18,24 +18,23 @@ import numpy as np
 
 from echelon.algebra import Interval
 from echelon.excite.problem.information import Information, OptimalityCriterion
-from echelon.excite.problem.state_limits import ORDERS, MotionLimit, StateConstraint
+from echelon.excite.problem.state_limits import (
+    ORDERS,
+    SECONDS,
+    MotionLimit,
+    StateConstraint,
+)
 from echelon.excite.problem.trajectory import Basis
 from echelon.shared import Floats
 
-SAMPLES_PER_PERIOD = 20
+GRID_PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
 
 SMALLEST_SIZE = 0.1
 """Size, SI units, of a limit that has one end only and it next to zero: a tenth of a metre, a newton metre."""
 
-SECONDS_PER_PRODUCT = (
-    1e-9  # work of a product of two numbers with its sum, as measured in one thread
-)
-SECONDS_PER_ENTRY = (
-    6e-8  # work of an entry of the observation matrix with its derivatives, as measured
-)
-
-HALVINGS = 16  # of a motion about its centre, after which it is as good as at rest
+HALVINGS = 16
+"""Halvings of a step, or of a motion about its centre, after which nothing is left of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ class Problem:
     def grid(self) -> Floats:
         """Samples at which limits are kept, s."""
         count = int(
-            np.ceil(SAMPLES_PER_PERIOD * self.basis.frequency * self.basis.duration)
+            np.ceil(GRID_PER_PERIOD * self.basis.frequency * self.basis.duration)
         )
         return np.linspace(0.0, self.basis.duration, count + 1)
 
@@ -96,9 +95,9 @@ class Problem:
         products = samples * (
             limits * (len(ORDERS) * n) ** 2 + (len(ORDERS) * functions * n) ** 2
         )
-        seen = self.information.size * SECONDS_PER_ENTRY
+        seen = self.information.size * SECONDS.information
         return (
-            products * SECONDS_PER_PRODUCT
+            products * SECONDS.product
             + seen
             + samples * sum(c.seconds for c in self.constraints)
         )

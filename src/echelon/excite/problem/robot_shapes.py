@@ -55,7 +55,8 @@ from echelon.formats import (
 from echelon.robot import GROUND, Mechanism, pseudo_inertia
 from echelon.shared import Floats, InputError, extra
 
-THINNEST = 5e-3  # m, half length of a box that stands for an inertia at least: mass points have none
+THINNEST = 5e-3
+"""Least half length, m, of a box that stands for an inertia: mass points have none."""
 STAND_IN = (
     "shapes of the set-up can stand in for it"  # advice for a shape that cannot be read
 )

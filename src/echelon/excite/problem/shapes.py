@@ -128,8 +128,10 @@ _DIRECTIONS = np.array(
     [d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=float
 )
 _UP = np.array([0.0, 0.0, 1.0])
-UNTOLD = 1e-6  # m, by which the planes of a normal may be nearer to each other than the points it is of
-_TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a normal
+UNCONFIRMED = 1e-6
+"""Length, m, by which planes across a normal may be nearer to each other than the points that it joins."""
+TOUCHING = 1e-9
+"""Distance of nearest points, m, that is too short to tell a normal."""
 
 
 def support(shape: Shape, directions: Floats) -> Floats:
@@ -208,14 +210,14 @@ def plane_gaps(
         return _between(first, second, places, places[0][:, :, 2])
     apart = points[:, 1] - points[:, 0]
     lengths = np.linalg.norm(apart, axis=1, keepdims=True)
-    normals = np.where(lengths > _TOUCHING, apart / np.maximum(lengths, _TOUCHING), _UP)
+    normals = np.where(lengths > TOUCHING, apart / np.maximum(lengths, TOUCHING), _UP)
     # the points of overlapping shapes lie the other way round
     found = np.maximum(
         _between(first, second, places, normals),
         _between(first, second, places, -normals),
     )
     # points of faces that lie on each other, and of shapes that touch, tell no normal; axes of the shapes may be one
-    untold = np.flatnonzero(np.abs(np.abs(found) - lengths[:, 0]) > UNTOLD)
+    untold = np.flatnonzero(np.abs(np.abs(found) - lengths[:, 0]) > UNCONFIRMED)
     if len(untold):
         some = (places[0][untold], places[1][untold])
         axes = [place[:, :, k] for place in some for k in range(3)]

@@ -68,11 +68,26 @@ class MotionLimit:
 Slopes = tuple[Floats | None, Floats | None, Floats | None]
 """Derivatives by q, q̇ and q̈, each of shape (N, m, n); None where there are none."""
 
-SECONDS_PER_FUNCTION = (
-    2e-6  # work of a recorded function of the state with its slopes, as measured
-)
+NUMBERS_AT_ONCE = 2**22
+"""Numbers that are worked on together, because every operation keeps its result: 32 MiB."""
 
-_NUMBERS = 2**22  # that are worked on together: every operation keeps its result
+
+@dataclass(frozen=True)
+class _Seconds:
+    """Work as measured in one thread, s; budgets of work are the same on every machine."""
+
+    product: float = 1e-9  # a product of two numbers with its sum
+    information: float = 6e-8  # an entry of the observation matrix with its derivatives
+    function: float = 2e-6  # a recorded function of the state with its slopes
+    distance: float = (
+        8e-6  # a distance of two meshes with its slope, where half are out of reach
+    )
+    closing: float = (
+        2e-4  # closing the loops of a Delta robot at a sample, with derivatives
+    )
+
+
+SECONDS = _Seconds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +102,7 @@ class StateConstraint(ABC):
     @property
     def seconds(self) -> float:
         """Work of all values and slopes at a sample, about what a processor takes for it, s."""
-        return SECONDS_PER_FUNCTION * len(self.labels)
+        return SECONDS.function * len(self.labels)
 
     @abstractmethod
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -166,7 +181,7 @@ def enclosures_of(
     """Bounds of a function's entries while states stay in intervals, shape (cells, entries)."""
     cells, together = (
         len(ranges["q"][0]),
-        max(_NUMBERS // max(len(function.program), 1), 16),
+        max(NUMBERS_AT_ONCE // max(len(function.program), 1), 16),
     )
     blocks = [slice(k, k + together) for k in range(0, cells, together)]
     parts = [_enclosed(function, uniform, ranges, block) for block in blocks]
@@ -277,8 +292,10 @@ SIGNS = (
     "minus",
 )  # signs of the deviations, in the order of EffortModel.extremes
 
-_LEAST = 1e-6  # N·m or N, which are added to every deviation in squares: a root has no derivative at zero
-_ROUNDING = 1e-12
+LEAST_DEVIATION = 1e-6
+"""Effort, N·m or N, that is added to every deviation in squares: a root has no derivative at zero."""
+ROUNDING = 1e-12
+"""Relative width that rounding of sums adds to intervals of the regressor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,21 +349,23 @@ class EffortModel:
     def enclosed(self, x: Interval) -> Interval:
         """Bounds of :meth:`extremes` while x stays in intervals, each of shape (cells, 2)."""
         middle, radius = (x[0] + x[1]) / 2, (x[1] - x[0]) / 2
-        radius = radius + _ROUNDING * np.abs(middle)
+        radius = radius + ROUNDING * np.abs(middle)
         mean, wide = middle @ self.values, radius @ np.abs(self.values)
         along, across = np.abs(middle @ self._factor), radius @ np.abs(self._factor)
         least = self.deviations * np.linalg.norm(
             np.maximum(along - across, 0.0), axis=1
         )
         most = self.deviations * np.sqrt(
-            np.sum((along + across) ** 2, axis=1) + _LEAST**2
+            np.sum((along + across) ** 2, axis=1) + LEAST_DEVIATION**2
         )
         low = np.stack([mean - wide + least, mean - wide - most], axis=1)
         high = np.stack([mean + wide + most, mean + wide - least], axis=1)
         return low, high
 
     def _std(self, x: Floats) -> Floats:
-        found: Floats = np.sqrt(np.sum((x @ self._factor) ** 2, axis=1) + _LEAST**2)
+        found: Floats = np.sqrt(
+            np.sum((x @ self._factor) ** 2, axis=1) + LEAST_DEVIATION**2
+        )
         return found
 
     @cached_property

@@ -62,14 +62,15 @@ _SPEEDS = {
     "rad": 1.0,
     "m": 0.25,
 }  # speeds that are taken where none is stated: those of a careful first run
-_SPEED_UP, _ONSET = 0.1, 0.05
-"""Seconds to the full speed, and to the full acceleration, where accelerations and jerks are not stated."""
+_ONSETS = (1.0, 0.1, 0.05)
+"""By orders from the velocity on, seconds to the full value of the order below, where limits are not stated."""
 
 
 MOST_TURNS = (
     4 * pi
 )  # rad, beyond which a stated position is taken for degrees: no joint of an arm turns so far
-SAME = 1e-3  # rad or m, by which a stated range may exceed the file's: rounded decimals
+ROUNDED_RANGE = 1e-3
+"""Length, rad or m, by which a stated range may exceed the file's: rounded decimals."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ class _Resolver:
         limits = [self._limit(name, 0, *positions[name]) for name in self.names]
         # velocities, accelerations and jerks
         values = {name: _SPEEDS[unit] for name, unit in self.units.items()}
-        for order, onset in ((1, 1.0), (2, _SPEED_UP), (3, _ONSET)):
+        for order, onset in enumerate(_ONSETS, 1):
             values = {
                 name: self._rate(order, name, value / onset)
                 for name, value in values.items()
@@ -193,7 +194,9 @@ class _Resolver:
         told = ""
         if rotates and max(finite, default=0.0) > MOST_TURNS:
             told = "is beyond 4π: ranges are in rad, and 180° is pi"
-        elif finite and (found[0] < stated[0] - SAME or found[1] > stated[1] + SAME):
+        elif finite and (
+            found[0] < stated[0] - ROUNDED_RANGE or found[1] > stated[1] + ROUNDED_RANGE
+        ):
             told = f"is wider than the robot file's, [{stated[0]:g}, {stated[1]:g}] {self.units[name]}"
         if told:
             shown = f"[{found[0]:g}, {found[1]:g}]"
@@ -303,7 +306,8 @@ def _drives(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Floats]:
 # -- the task ----------------------------------------------------------------------------------------------------------
 
 UNCHECKED = "collisions are not checked"  # how the finding begins
-_SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually
+SMOOTH_SPEED = 0.02
+"""Share of the smallest speed limit within which dry friction changes its sign gradually."""
 
 
 @dataclass(frozen=True)
@@ -346,7 +350,7 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
             mechanism, entry.limits, stated, setup.source, names_of(setup.mechanism)
         ).resolved()
         findings += limits.findings
-        smooth = _SMOOTH * min(
+        smooth = SMOOTH_SPEED * min(
             [limit.high for limit in limits.motion if limit.order == 1], default=1.0
         )
         constraints = _constraints(setup, entry, mechanism, limits, smooth, findings)
@@ -452,16 +456,44 @@ def _clearance(
     limits: ResolvedLimits,
     findings: list[Finding],
 ) -> Clearance | None:
-    """Distances between bodies, and to obstacles."""
-    section, file, folder = (
-        entry.collisions,
-        setup.robot_file,
-        Path(setup.source).parent,
-    )
+    """Distances between bodies, and to obstacles, as far as the robot can keep them."""
     if "collisions" not in entry.model_fields_set:
         text = f"{UNCHECKED}: state the section collisions, with obstacles and shapes"
         findings.append(warning("collisions", setup.source, text))
         return None
+    section = entry.collisions
+    shapes, excluded = _shapes(setup, entry, mechanism, findings)
+    pure = replace(mechanism)  # without how the file was read
+    clearance = clearance_of(pure, shapes, section.clearance, excluded)
+    motion = loop_motion(mechanism)
+    lowered: list[str] = []
+    unchecked: list[str] = []
+    if section.ignore_touching:
+        each = zip(mechanism.independent_velocities, limits.middle, strict=True)
+        start = np.array([entry.centre.get(name, middle) for name, middle in each])
+        pose = motion.positioned(start[None]).q[0] if motion else start
+        found = without_touching(clearance, pose)
+        clearance = found.clearance
+        unchecked += found.unchecked
+    if len(clearance.pairs):
+        found = allowances_of(clearance, _random_poses(limits, motion, entry.seed))
+        clearance = found.clearance
+        lowered += found.lowered
+        unchecked += found.unchecked
+    findings += [note("collisions", setup.source, text) for text in lowered]
+    findings += [warning("collisions", setup.source, text) for text in unchecked]
+    return clearance
+
+
+def _shapes(
+    setup: Setup,
+    entry: ExcitationEntry,
+    mechanism: Mechanism,
+    findings: list[Finding],
+) -> tuple[list[Shape], list[tuple[str, str]]]:
+    """Shapes of the robot and of obstacles, and pairs of bodies that are not checked."""
+    section, file = entry.collisions, setup.robot_file
+    folder = Path(setup.source).parent
 
     def stated(key: str, entries: Sequence[Mapping[str, Any]]) -> tuple[Shape, ...]:
         def refused(place: int, problem: str) -> InputError:
@@ -487,33 +519,7 @@ def _clearance(
     shapes += [replace(shape, obstacle=True) for shape in around]
     if not section.self:
         excluded += combinations([body.name for body in mechanism.bodies], 2)
-    pure = replace(mechanism)  # without how the file was read
-    clearance = clearance_of(pure, shapes, section.clearance, excluded)
-    motion = loop_motion(mechanism)
-    lowered: list[str] = []
-    unchecked: list[str] = []
-    if section.ignore_touching:
-        names = mechanism.independent_velocities
-        start = np.array(
-            [
-                entry.centre.get(name, middle)
-                for name, middle in zip(names, limits.middle, strict=True)
-            ]
-        )
-        found = without_touching(
-            clearance, motion.positioned(start[None]).q[0] if motion else start
-        )
-        clearance, unchecked = found.clearance, [*found.unchecked]
-    if len(clearance.pairs):
-        found = allowances_of(clearance, _random_poses(limits, motion, entry.seed))
-        clearance, lowered, unchecked = (
-            found.clearance,
-            [*found.lowered],
-            [*unchecked, *found.unchecked],
-        )
-    findings += [note("collisions", setup.source, text) for text in lowered]
-    findings += [warning("collisions", setup.source, text) for text in unchecked]
-    return clearance
+    return shapes, excluded
 
 
 def _unreadable(notes: Sequence[str]) -> str:

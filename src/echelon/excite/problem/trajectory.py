@@ -195,7 +195,8 @@ class Fourier(Basis):
         return 2 * np.pi / self.duration * np.arange(1.0, self.harmonics + 1)
 
 
-DEGREE = 5  # quintic: jerks are continuous
+DEGREE = 5
+"""Of splines, quintic: jerks are continuous."""
 
 
 @dataclass(frozen=True)
@@ -268,11 +269,11 @@ def uniform_splines(duration: float, segments: int) -> Splines:
 DURATIONS = (1e-6, 1e6)
 """Shortest and longest motion of a robot, s: beyond, powers of frequencies leave double precision."""
 
-SHORTEST_STEP = 1e-9  # between samples, s; clocks count no finer
+SHORTEST_STEP = 1e-9
+"""Shortest time between samples, s; clocks count no finer."""
 
-LARGEST = (
-    1e12  # position, velocity, acceleration or jerk, SI, that no robot comes near to
-)
+LARGEST = 1e12
+"""Position, velocity, acceleration or jerk, SI units, that no robot comes near to."""
 
 
 @public

@@ -30,7 +30,7 @@ from echelon.excite.problem.trajectory import (
     resting_ends,
     uniform_splines,
 )
-from echelon.excite.solve.solver import TOLERANCE, Search, SearchResult, Watch
+from echelon.excite.solve.solver import METHOD, Search, SearchResult, Watch
 from echelon.excite.verify import Margin, margins_of, motion_margins
 from echelon.formats import ExcitationEntry
 from echelon.shared import (
@@ -39,20 +39,25 @@ from echelon.shared import (
     InputError,
     Integers,
     extra,
+    listed,
     locating,
     nearest_of,
 )
 
-REFINED = 4  # the best random poses, from which broken limits are minimised, a tenth of a second each
-ONSET_SPEED = 1e-9  # rad/s or m/s, within which dry friction has both signs
-NAMED = 6  # limits that a message names
-_KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
-_NEARBY = (
-    0.1  # share of a coordinate's range to either side within which poses are nearby
-)
-_AROUND = 32  # poses nearby that are looked at
-_NARROW = 0.1  # share of them that may break a limit before more room is looked for
-_STEPS, _SWEEPS = 9, 3  # places that are tried for a coordinate, and how often
+REFINED = 4
+"""Best random poses, from which broken limits are minimised, a tenth of a second each."""
+ONSET_SPEED = 1e-9
+"""Speed, rad/s or m/s, within which dry friction has both signs."""
+ROUNDING = 1e-9
+"""Excess over a limit, relative to its size, that rounding may leave."""
+NEARBY = 0.1
+"""Share of a coordinate's range to either side within which poses are nearby."""
+NEARBY_POSES = 32
+"""Poses nearby that are looked at."""
+NARROW = 0.1
+"""Share of them that may break a limit before more room is looked for."""
+SWEEPS = 3
+"""Times that all coordinates are moved to more room: one moves the next, and the third time hardly anything changes."""
 
 
 def start_pose(
@@ -111,7 +116,7 @@ def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
             np.abs(constraint.high),
             np.abs(constraint.low),
         )
-        parts.append(np.where(over > _KEPT * np.maximum(size, 1.0), over, 0.0))
+        parts.append(np.where(over > ROUNDING * np.maximum(size, 1.0), over, 0.0))
     return np.hstack(parts)
 
 
@@ -170,9 +175,9 @@ class _PoseSearch:
     def roomier(self, pose: Floats) -> Floats:
         """The pose, or if it is in a narrow place another, each coordinate where fewer poses nearby break limits."""
         # about a pose beside a limit, a motion can hardly be made smaller, nor that limit tighter
-        low, high, near = self.low, self.high, _NEARBY * (self.high - self.low)
+        low, high, near = self.low, self.high, NEARBY * (self.high - self.low)
         around = near * np.random.default_rng(self.seed).uniform(
-            -1, 1, (_AROUND, len(pose))
+            -1, 1, (NEARBY_POSES, len(pose))
         )
 
         def crowded(poses: Floats) -> Integers:
@@ -183,15 +188,16 @@ class _PoseSearch:
                 )
                 > 0
             )
-            return np.asarray(found.reshape(len(poses), _AROUND, -1).sum(axis=1))
+            return np.asarray(found.reshape(len(poses), NEARBY_POSES, -1).sum(axis=1))
 
-        if crowded(pose[None]).max(initial=0) <= _NARROW * _AROUND:
+        if crowded(pose[None]).max(initial=0) <= NARROW * NEARBY_POSES:
             return pose
-        for _ in range(_SWEEPS):
+        for _ in range(SWEEPS):
             before = pose
             for j in np.flatnonzero(self.free):
-                tried = np.tile(pose, (_STEPS + 1, 1))
-                tried[1:, j] = np.linspace(low[j] + near[j], high[j] - near[j], _STEPS)
+                places = np.arange(low[j] + near[j], high[j], near[j])
+                tried = np.tile(pose, (len(places) + 1, 1))
+                tried[1:, j] = places
                 good = tried[~broken(tried, self.constraints).any(axis=1)]
                 pose = good[
                     np.lexsort((np.abs(good - pose)[:, j], crowded(good).sum(axis=1)))[
@@ -212,16 +218,16 @@ def _conflict(over: Floats, constraints: Sequence[StateConstraint]) -> str:
         units = [unit for constraint in constraints for unit in constraint.units]
         named = [
             f"{labels[k]} (by {over[:, k].min():.3g} {units[k]} at least)"
-            for k in never[:NAMED]
+            for k in never
         ]
-        return f"{start} the limits of {', '.join(named)}; {_advice([labels[k] for k in never])}"
+        return f"{start} the limits of {listed(named)}; {_advice([labels[k] for k in never])}"
     some = np.flatnonzero(over.any(axis=0)).tolist()
     for i, j in combinations(some, 2):
         if np.all((over[:, i] > 0) | (over[:, j] > 0)):
             both = [labels[i], labels[j]]
             return f"{start} the limits of {both[0]} and of {both[1]} together; {_advice(both)}"
     named = [labels[k] for k in some]
-    return f"{start} all limits together: {', '.join(named[:NAMED])}; {_advice(named)}"
+    return f"{start} all limits together: {listed(named)}; {_advice(named)}"
 
 
 def _advice(labels: Sequence[str]) -> str:
@@ -241,7 +247,8 @@ def _labels(constraints: Sequence[StateConstraint]) -> list[str]:
     return [label for constraint in constraints for label in constraint.labels]
 
 
-DURATION = 8.0  # s, where none is stated
+DURATION = 8.0
+"""Duration, s, where none is stated."""
 FEWEST, MOST, FUNCTIONS = 3, 7, 56
 """Harmonics where none are stated: so many that all coordinates together have about that many, within these ends."""
 
@@ -353,13 +360,19 @@ def family(entry: ExcitationEntry, count: int) -> Basis:
 
 # -- the search --------------------------------------------------------------------------------------------------------
 
-RANDOM = 24  # random motions: the best ones start the search, and all show what no search would reach
-ROOM_TO_START = 1e-3  # share of a limit's size that is left at a start, so that a step has somewhere to go
-BACK = 0.98  # share of a motion at its limits, from which the next search starts: from a limit no step is long
-TRIAL_STEPS = 20  # steps of every start, after which the best one goes on: most of what can be gained is gained then
-SEARCH_SHARE = (
-    0.75  # share of the work for the search, the rest is for making its motion safe
-)
+RANDOM = 24
+"""Random motions: the best ones start the search, and all show what no search would reach."""
+ROOM_TO_START = 1e-3
+"""Share of a limit's size that is left at a start, so that a step has somewhere to go."""
+TRIAL_STEPS = 20
+"""Steps of every start, after which the best one goes on: most of what can be gained is gained then."""
+SEARCH_SHARE = 0.75
+"""Share of the work for the search; the rest is for making its motion safe."""
+LITTLE_LESS = (0.998, 0.99)
+"""Shares of a motion that are as good as the whole."""
+MUCH_LESS = (0.97, 0.9, 0.75, 0.5)
+"""Shares of a motion that are better than nothing.  From the first of them a search goes on, because from a limit no
+step is long."""
 
 
 @dataclass(frozen=True)
@@ -425,7 +438,7 @@ def _finished(
     # where many limits are near, steps are short; a little off them the way along them is free
     found = search.run(most, watch, "the best start").solution
     while found.status in ("converged", "stalled"):
-        again = Search.from_start(problem, problem.scaled(found.x, BACK))
+        again = Search.from_start(problem, problem.scaled(found.x, MUCH_LESS[0]))
         if again is None:
             break
         next_one = again.run(
@@ -436,7 +449,7 @@ def _finished(
         if better > 0:
             more = tuple(value for value in next_one.history if value < found.value)
             found = replace(next_one, iterations=steps, history=(*found.history, *more))
-        if better < TOLERANCE:
+        if better < METHOD.tolerance:
             break
     return replace(
         found, status="converged" if found.status == "stalled" else found.status
@@ -446,11 +459,11 @@ def _finished(
 # -- a motion that is safe ---------------------------------------------------------------------------------------------
 
 ROUNDS = 5
-MORE = 1.5  # times what a limit was broken by, by which it is tightened
-LITTLE = 1e-4  # of a motion that is given up to be on the safe side
-LITTLE_LESS = (0.998, 0.99)  # shares of a motion that are as good as the whole
-MUCH_LESS = (0.97, 0.9, 0.75, 0.5)  # shares that are better than nothing
-SAFE_STEPS = 30  # of a solver that starts next to its goal
+"""Times that a motion is made smaller, or its limits tighter, until it is given up."""
+TIGHTENING = 1.5
+"""Factor of what a limit was broken by, by which it is tightened."""
+SAFETY = 1e-4
+"""Share of a motion that is given up to be on the safe side."""
 
 
 def safe(
@@ -468,16 +481,16 @@ def safe(
             broken = [margin for margin in margins if not margin.kept]
             if not broken:
                 return found, margins
-            worst = ", ".join(margin.label for margin in broken[:NAMED])
+            worst = listed([margin.label for margin in broken])
             problem = _tightened(problem, margins, design)
-            starts = (problem.scaled(x, share) for share in (BACK, *MUCH_LESS))
+            starts = (problem.scaled(x, share) for share in MUCH_LESS)
             search = next(
                 filter(None, (Search.from_start(problem, start) for start in starts)),
                 None,
             )
             if search is None or watch.ended:
                 break
-            x = search.run(SAFE_STEPS, watch, "with tighter limits").best
+            x = search.run(TRIAL_STEPS, watch, "with tighter limits").best
         found, margins = _smaller(design, solution.x, MUCH_LESS)
         if all(margin.kept for margin in margins):
             return found, margins
@@ -522,7 +535,7 @@ def _within(design: Design, x: Floats) -> Floats:
         )
         if share >= 1:
             break
-        x = problem.scaled(x, share - LITTLE)
+        x = problem.scaled(x, share - SAFETY)
     return x
 
 
@@ -544,7 +557,7 @@ def _tightened(problem: Problem, margins: Sequence[Margin], design: Design) -> P
     below = np.array([_excess(margin.low - margin.least) for margin in margins])
     above = np.array([_excess(margin.largest - margin.high) for margin in margins])
     below[:first] = above[:first] = 0.0
-    return problem.tightened(MORE * below, MORE * above)
+    return problem.tightened(TIGHTENING * below, TIGHTENING * above)
 
 
 def _excess(beyond: float) -> float:

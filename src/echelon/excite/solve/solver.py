@@ -16,25 +16,39 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from echelon.excite.problem.optimisation import Problem
+from echelon.excite.problem.optimisation import HALVINGS, Problem
 from echelon.shared import Floats, one_thread
 
-FIRST_BARRIER = 0.1  # weight of the barrier at first, over the root of the number of limits at all samples
-BARRIER_FALL = 0.15  # share of the mean complementarity that the next barrier has: a fall by a factor of 7 at most
-LAST_BARRIER = 1e-9
-SHORT_STEP = 0.3  # share of a step, below which the barrier does not fall yet: limits are in the way
-TO_THE_LIMIT = 0.9  # share of the way to the first limit that a step goes at most
-LEFT_OF_ROOM = 0.1  # share of a limit's room that a step leaves at least
-DUAL_SPREAD = (
-    5.0  # factor by which a multiplier may differ from the barrier's own, weight / room
-)
-HALVINGS = 12  # of a step, after which it is no longer one
-DESCENT = 1e-4  # share of the promised decrease that a step has to keep (Armijo)
-DAMPING = 0.2  # share of the old curvature along a step that the new one keeps (Powell)
-TOLERANCE = 5e-3  # decrease of the criterion, a logarithm, that counts as none: deviations then differ by 0.25 %
-PATIENCE = 15  # steps within which the criterion has to fall by the tolerance
-RESETS = 3  # of the learned curvature, one after the other, after which a search is at its end
-TOLD = 5  # steps between two reports of progress
+
+@dataclass(frozen=True)
+class InteriorPoint:
+    """Parameters of the method."""
+
+    first_barrier: float = 0.1
+    """Weight of the barrier at first, over the root of the number of limits at all samples."""
+    barrier_fall: float = 0.15
+    """Share of the mean complementarity that the next barrier has: a fall by a factor of 7 at most."""
+    last_barrier: float = 1e-9
+    """Weight below which the barrier does not fall: it no longer changes any digit that is shown."""
+    short_step: float = 0.3
+    """Share of a step below which the barrier does not fall yet: limits are in the way."""
+    to_the_limit: float = 0.9
+    """Share of the way to the first limit that a step goes at most; the rest of the room is left."""
+    dual_spread: float = 5.0
+    """Factor by which a multiplier may differ from the barrier's own, weight / room."""
+    descent: float = 1e-4
+    """Share of the promised decrease that a step has to keep (Armijo)."""
+    damping: float = 0.2
+    """Share of the old curvature along a step that the new one keeps (Powell)."""
+    tolerance: float = 5e-3
+    """Decrease of the criterion, a logarithm, that counts as none: deviations then differ by 0.25 %."""
+    patience: int = 15
+    """Steps within which the criterion has to fall by the tolerance."""
+    resets: int = 3
+    """Times that the learned curvature is forgotten, one after the other, until a search is at its end."""
+
+
+METHOD = InteriorPoint()
 
 
 @dataclass
@@ -125,7 +139,7 @@ class Search:
         if not np.all(slacks > 0):
             return None
         now = _Iterate.at(problem, start, slacks)
-        weight = FIRST_BARRIER / np.sqrt(max(slacks[0].size, 1))
+        weight = METHOD.first_barrier / np.sqrt(max(slacks[0].size, 1))
         steepness = max(
             float(np.linalg.norm(now.gradient)) / np.sqrt(problem.size), 1e-3
         )
@@ -162,19 +176,19 @@ class Search:
                     self.status = "stalled"
                 else:
                     self.status = watch.ended or ("iterations" if steps >= most else "")
-                if steps % TOLD == 0 or self.status:
-                    room = float(self.now.slacks.min(initial=np.inf))
-                    watch.tell(
-                        f"{name}: step {steps}, criterion {self.history[-1]:.4g}, smallest room {room:.2%}"
-                    )
+                room = float(self.now.slacks.min(initial=np.inf))
+                watch.tell(
+                    f"{name}: step {steps}, criterion {self.history[-1]:.4g}, smallest room {room:.2%}"
+                )
         return self
 
     @property
     def converged(self) -> bool:
         """Whether the criterion falls no more."""
+        patience = METHOD.patience
         return (
-            len(self.values) > PATIENCE
-            and self.values[-1 - PATIENCE] - self.values[-1] < TOLERANCE
+            len(self.values) > patience
+            and self.values[-1 - patience] - self.values[-1] < METHOD.tolerance
         )
 
     def advance(self) -> bool:
@@ -190,14 +204,16 @@ class Search:
         self._learn(last)
         self._remember()
         self.resets = 0
-        if share > SHORT_STEP:
+        if share > METHOD.short_step:
             finite = np.isfinite(slacks)
             mean = (
                 float((self.duals[finite] * slacks[finite]).mean())
                 if finite.any()
                 else 0.0
             )
-            self.weight = max(min(self.weight, BARRIER_FALL * mean), LAST_BARRIER)
+            self.weight = max(
+                min(self.weight, METHOD.barrier_fall * mean), METHOD.last_barrier
+            )
         return True
 
     def _direction(self) -> tuple[Floats, Floats]:
@@ -219,16 +235,16 @@ class Search:
         falling = changes < 0
         share = min(
             1.0,
-            TO_THE_LIMIT
+            METHOD.to_the_limit
             * float((now.slacks[falling] / -changes[falling]).min(initial=np.inf)),
         )
         before, promised = now.barrier(self.weight), float(self._slope() @ step)
         for _ in range(HALVINGS):
             x = now.x + share * step
             slacks = problem.slacks(problem.values(x))
-            if np.all(slacks >= LEFT_OF_ROOM * now.slacks):
+            if np.all(slacks >= (1 - METHOD.to_the_limit) * now.slacks):
                 after = _barrier(problem.value(x), slacks, self.weight)
-                if after <= before + DESCENT * share * promised:
+                if after <= before + METHOD.descent * share * promised:
                     return share, slacks
             share /= 2
         return None
@@ -238,9 +254,9 @@ class Search:
         self.resets += 1
         size = len(self.curvature)
         self.curvature = np.trace(self.curvature) / size * np.eye(size)
-        self.weight = max(BARRIER_FALL * self.weight, LAST_BARRIER)
+        self.weight = max(METHOD.barrier_fall * self.weight, METHOD.last_barrier)
         self.duals = self.weight / self.now.slacks
-        return self.resets < RESETS
+        return self.resets < METHOD.resets
 
     def _update_duals(self, last: _Iterate, changes: Floats) -> None:
         wanted = (self.weight - self.duals * changes) / last.slacks
@@ -248,12 +264,14 @@ class Search:
         falling = falls > 0
         share = min(
             1.0,
-            TO_THE_LIMIT
+            METHOD.to_the_limit
             * float((self.duals[falling] / falls[falling]).min(initial=np.inf)),
         )
         own = self.weight / self.now.slacks
         self.duals = np.clip(
-            self.duals - share * falls, own / DUAL_SPREAD, own * DUAL_SPREAD
+            self.duals - share * falls,
+            own / METHOD.dual_spread,
+            own * METHOD.dual_spread,
         )
 
     def _learn(self, last: _Iterate) -> None:
@@ -269,8 +287,8 @@ class Search:
             self.curvature = (turned @ turned) / (turned @ moved) * np.eye(len(moved))
         old = self.curvature @ moved
         along, bend = float(moved @ old), float(turned @ moved)
-        if bend < DAMPING * along:
-            mixed = (1 - DAMPING) * along / (along - bend)
+        if bend < METHOD.damping * along:
+            mixed = (1 - METHOD.damping) * along / (along - bend)
             turned = mixed * turned + (1 - mixed) * old
         rise = np.outer(turned, turned) / float(turned @ moved)
         self.curvature = self.curvature - np.outer(old, old) / along + rise

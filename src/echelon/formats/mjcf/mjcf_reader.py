@@ -424,7 +424,7 @@ def is_motor(actuator: Any) -> bool:
 
 
 _ANCHOR, _POSITION, _QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)
-_TORQUE_SCALE = 10
+_TORQUE_SCALE = 10  # place of the data of a weld; it holds turns unless this is zero
 _BALL = ("w", "x", "y", "z")
 
 
@@ -472,16 +472,13 @@ def read_poses(
     stated = {"the reference pose": model.qpos0} | {
         f"keyframe '{name}'": qpos for name, qpos in keyframes.items()
     }
-    # a rotation without w would be taken for none
-    return {
-        element: {
-            n: float(v)
-            for n, v in zip(names, qpos, strict=True)
-            if v or n.endswith(".w")
-        }
-        for element, qpos in stated.items()
-        if len(qpos) == len(names) and all(map(isfinite, qpos))
-    }
+    poses = {}
+    for element, qpos in stated.items():
+        if len(qpos) == len(names) and all(map(isfinite, qpos)):
+            pairs = zip(names, map(float, qpos), strict=True)
+            # a rotation without w would be taken for none
+            poses[element] = {n: v for n, v in pairs if v or n.endswith(".w")}
+    return poses
 
 
 def read_closures(

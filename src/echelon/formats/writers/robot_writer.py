@@ -95,15 +95,14 @@ def _from_description(
 
 def _with_values(mechanism: Mechanism, values: IdentifiedValues) -> Mechanism:
     """The mechanism as if its file had stated the identified values."""
-    bodies = tuple(
-        replace(
-            body,
-            inertial=tuple(float(v) for v in np.asarray(ten)) if body.carried else None,
-        )
-        for body, ten in zip(mechanism.bodies, values.bodies, strict=True)
-    )
+    bodies = []
+    for body, ten in zip(mechanism.bodies, values.bodies, strict=True):
+        inertial = None
+        if body.carried:
+            inertial = tuple(np.asarray(ten, dtype=float).tolist())
+        bodies.append(replace(body, inertial=inertial))
     effects = tuple(
         replace(effect, value=values.effects[effect.parameter])
         for effect in mechanism.effects
     )
-    return replace(mechanism, bodies=bodies, effects=effects)
+    return replace(mechanism, bodies=tuple(bodies), effects=effects)

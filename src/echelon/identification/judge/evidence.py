@@ -17,13 +17,12 @@ import numpy as np
 from echelon.base import BaseModel
 from echelon.identification.logs.preparation.prepare import ORDER, ROOM
 from echelon.identification.logs.recording import Samples
-from echelon.identification.rows.plan import spread_out
+from echelon.identification.rows.plan import LOOKED_AT, spread_out
 from echelon.identification.rows.rows import rows_filtered, rows_taken
 from echelon.identification.signals.clock import shifted
 from echelon.identification.signals.filters import WORTH, lowpass
 from echelon.shared import Flags, Floats, Integers
 
-_SAMPLES = 8000  # samples that are judged, over all logs, of which filters leave a third or a quarter
 BLOCKS = 10  # blocks of time: few enough to hold all motions, enough to tell a standard error
 _RIDGE = 1e-9  # of squares of columns: what the data leave open stays small
 _FLOOR = 1e-9  # of an output's squares: rounding of exact data is no noise
@@ -88,7 +87,7 @@ class States:
             return replace(some, y=some.y - _predicted(base, some, values))
 
         measured = (piece for piece in samples if piece.y is not None)
-        pieces = tuple(spread_out(measured, band, _SAMPLES, BLOCKS, left))
+        pieces = tuple(spread_out(measured, band, LOOKED_AT, BLOCKS, left))
         q, qd, qdd, rest = (
             np.concatenate([getattr(p, name) for p in pieces])
             for name in ("q", "qd", "qdd", "y")

@@ -51,7 +51,7 @@ _COMPUTED_WITH = (
     "clarabel",
     "pyarrow",
 )
-_BLOCK = 1 << 20
+_BLOCK = 1 << 20  # bytes of a log that are hashed at once
 
 
 @dataclass(frozen=True, repr=False)
@@ -173,12 +173,11 @@ def identification_document(result: Identification) -> dict[str, Any]:
 
 
 def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:
-    level = float(result.settings.get("level", 0.95))
     columns = zip(
         estimate.units,
         estimate.values,
         estimate.std,
-        *estimate.interval(level).T,
+        *estimate.interval(result.level).T,
         strict=True,
     )
     rows = (
@@ -193,7 +192,7 @@ def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:
     return record_of(
         EstimateRecord,
         estimate,
-        level=level,
+        level=result.level,
         parameters=parameters,
         noise=dict(zip(estimate.outputs, estimate.noise, strict=True)),
         rows=dict(zip(estimate.outputs, estimate.rows, strict=True)),

@@ -36,13 +36,11 @@ LONGEST_STEP = 5e-3
 
 def smooth(mechanism: Mechanism, speed: float) -> Mechanism:
     """The mechanism with friction that turns its sign within some speed, rad/s or m/s: tanh(q̇/speed)."""
-    effects = tuple(
-        replace(
-            e,
-            actions=tuple(replace(a, term=_smoothed(a.term, speed)) for a in e.actions),
-        )
-        for e in mechanism.effects
-    )
+
+    def smoothed(term: str) -> str:
+        return _smoothed(term, speed)
+
+    effects = tuple(effect.with_terms(smoothed) for effect in mechanism.effects)
     return replace(mechanism, effects=effects)
 
 

@@ -34,7 +34,7 @@ from echelon.identification.setup.logs import (
 from echelon.identification.setup.setup import Setup, load_setup
 from echelon.identification.signals.clock import JITTER, REPEATED, round_rate
 from echelon.robot import Mechanism
-from echelon.shared import EchelonError, InputError, dump_flow
+from echelon.shared import EchelonError, Floats, InputError, dump_flow
 
 _EFFECTS = """\
 effects:
@@ -190,17 +190,13 @@ def _roundest(value: float, error: float) -> float:
 def _rate_by_velocities(columns: ColumnMap, table: Table) -> tuple[float, float]:
     """Samples per second at which positions change as the velocities say, and their standard error; or nan."""
     names = [name for name in columns.positions if name in columns.velocities]
-    q, v = (
-        np.stack(
-            [
-                table.columns[some[name].column] * factor(some[name].unit, None)
-                for name in names
-            ],
-            axis=1,
-        )
-        for some in (columns.positions, columns.velocities)
-    )
-    return sample_rate(q, v)
+
+    def values(some: Mapping[str, Channel]) -> Floats:
+        of_names = [some[name] for name in names]
+        parts = [table.columns[c.column] * factor(c.unit, None) for c in of_names]
+        return np.stack(parts, axis=1)
+
+    return sample_rate(values(columns.positions), values(columns.velocities))
 
 
 def _lacks_clock(found: Understood, log: LogFile) -> bool:

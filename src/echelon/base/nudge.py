@@ -8,14 +8,12 @@ from fractions import Fraction
 import numpy as np
 
 from echelon.algebra import Polynomial, as_polynomial, decimal_text, parts_of
-from echelon.robot.joint import Body, Placement, Symbol
-from echelon.robot.mechanism import Mechanism
-from echelon.robot.rational_turns import rational_rotation
+from echelon.robot import Body, Mechanism, Placement, Symbol, rational_rotation
 
-_STEPS = 1 << 20
+FINENESS = 1 << 20
 """Random changes are multiples of this part of the largest one."""
-_LARGEST_PLAIN = 2
-"""Denominators of entries of rotations by multiples of 30, 45 or 60 degrees, which stay as they are."""
+LARGEST_PLAIN = 4
+"""Largest denominator of entries of rotations by multiples of 30, 45 or 60 degrees, which stay as they are."""
 
 
 def nudged(
@@ -59,7 +57,9 @@ class _Nudge:
 
     def change(self) -> Fraction:
         """A random change up to the largest one."""
-        return self.amount * Fraction(int(self.rng.integers(-_STEPS, _STEPS)), _STEPS)
+        return self.amount * Fraction(
+            int(self.rng.integers(-FINENESS, FINENESS)), FINENESS
+        )
 
     def body(self, body: Body) -> Body:
         """A body with its joint's frames elsewhere."""
@@ -79,7 +79,7 @@ class _Nudge:
         if not any(_is_general(entry) for row in placement.rotation for entry in row):
             return moved
         turn = [1.0, *(float(self.change()) / 2 for _ in range(3))]
-        return moved @ rational_rotation(turn, float(self.amount) / _STEPS)
+        return moved @ rational_rotation(turn, float(self.amount) / FINENESS)
 
     def symbol(self, symbol: Symbol) -> Symbol:
         """A symbol with another value; what stands for others changes with these."""
@@ -97,6 +97,4 @@ def _is_general(entry: Polynomial) -> bool:
     number = entry.number
     if number is None:
         return False
-    return any(
-        Fraction(part).denominator > _LARGEST_PLAIN**2 for part in parts_of(number)
-    )
+    return any(Fraction(part).denominator > LARGEST_PLAIN for part in parts_of(number))
