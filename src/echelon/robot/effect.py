@@ -109,6 +109,11 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
         EffectTerm("Ks", "N·m/rad", "N/m", "q", positive=True),
         EffectTerm("Ps", "N·m", "N", "1"),
     ),
+    "elastic": (
+        EffectTerm("Ks", "N·m/rad", "N/m", "q", positive=True),
+        EffectTerm("Ds", "N·m·s/rad", "N·s/m", "qd", positive=True),
+        EffectTerm("Ps", "N·m", "N", "1"),
+    ),
     "counterbalance": (EffectTerm("Kb", "N·m", "N", "sin(q + ({phase}))"),),
     "cable": (
         EffectTerm("Kc", "N·m/rad", "N/m", "q"),
@@ -127,7 +132,7 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
     "drive_gain": (EffectTerm("Kt", "N·m/A", "N/A", "-i"),),
     "servo": (EffectTerm("Kp", "N·m/rad", "N/m", "q - i"),),
 }
-"""Ready-made effects; a spring has a stiffness and a preload.  With positive parameters friction opposes the motion.
+"""Ready-made effects; a spring has a stiffness and a preload, an elastic one damping as well.  With positive parameters friction opposes the motion.
 
 The input of a servo is the position that it is commanded to, and Kp its gain.
 """

@@ -93,10 +93,13 @@ class Output:
     unit: str
     forces: tuple[tuple[Force, Polynomial], ...] = ()
     cuts: tuple[tuple[Cut, Polynomial], ...] = ()
+    reads: str = ""  # the output whose measured values are its own as well, by the force of a spring that is zero
 
     @property
     def sensor(self) -> str:
         """Name of the sensor that it belongs to: one component of a wrench is named after its sensor."""
+        if self.reads:
+            return self.reads
         alone = not self.forces and len(self.cuts) == 1
         return (self.name.rpartition(".")[0] if alone else "") or self.name
 
@@ -397,6 +400,11 @@ class Mechanism:
             )
             for a in self.transmission.actuators
         )
+
+    @property
+    def sensed(self) -> tuple[Output, ...]:
+        """The outputs with measured values of their own."""
+        return tuple(output for output in self.outputs if not output.reads)
 
     @cached_property
     def cuts(self) -> tuple[Cut, ...]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 
 import numpy as np
@@ -30,6 +31,7 @@ from echelon.formats.schema.schema_setup import (
     ReadyEffect,
     RotorEntry,
 )
+from echelon.formats.schema.schema_outputs import ActuatorOutput
 from echelon.formats.schema.schema_types import Frame, LoopEntry
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
@@ -48,6 +50,7 @@ from echelon.robot import (
     Mechanism,
     Motion,
     MotionKind,
+    Output,
     Placement,
     Side,
     linear,
@@ -75,6 +78,40 @@ _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))
 _ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
 
 
+@dataclass(frozen=True)
+class _Spring:
+    """The spring of an elastic drive."""
+
+    name: str
+    motor: str
+    joint: str
+    share: Polynomial  # motion of the joint by that of the motor
+
+    @property
+    def drive(self) -> Actuator:
+        """The drive whose position is the deflection, and whose force is zero: that of bodies and of the spring."""
+        ends = ((self.joint, Polynomial.constant(1)), (self.motor, -self.share))
+        return Actuator(self.name, ends)
+
+    def output(self, measured: Sequence[Output]) -> Output:
+        """A measured output by the force of the spring in the place of that of the bodies behind it.
+
+        It is a torque in the joint, or else of the motor; or any, as all that is added to it is zero.
+        """
+        shares = {
+            Force(self.joint, Side.JOINT): Polynomial.constant(-1),
+            Force(self.motor, Side.ACTUATOR): -self.share,
+        }
+        found, weight = measured[0], Polynomial.constant(1)
+        for place, share in reversed(shares.items()):
+            for output in measured:
+                if place in dict(output.forces):
+                    found, weight = output, dict(output.forces)[place] * share
+        own = (Force(self.name, Side.ACTUATOR), weight)
+        forces = (*found.forces, own)
+        return Output(self.name, found.unit, forces, found.cuts, found.name)
+
+
 class Additions:
     """Set-up that a description adds to a mechanism: loops, drives, rotors, effects and outputs."""
 
@@ -91,6 +128,7 @@ class Additions:
             expressions,
             find,
         )
+        self.springs: list[_Spring] = []
 
     def added(self) -> Mechanism:
         """The mechanism with all of them."""
@@ -99,14 +137,17 @@ class Additions:
         for index, rotor in enumerate(self.robot.rotors):
             self._add_rotor(rotor, f"rotors[{index}]")
         self.mechanism = replace(self.mechanism, effects=tuple(self._effects()))
-        if self.robot.outputs is not None:
-            entries = enumerate(self.robot.outputs)
-            measured = tuple(
+        stated = self.robot.outputs
+        if stated is None and self.springs:
+            stated = (ActuatorOutput(actuator=EVERY),)
+        if stated is not None:
+            measured = [
                 output
-                for k, entry in entries
+                for k, entry in enumerate(stated)
                 for output in entry.outputs(self, f"outputs[{k}]")
-            )
-            self.mechanism = replace(self.mechanism, measured=measured)
+            ]
+            measured += [spring.output(measured) for spring in self.springs if measured]
+            self.mechanism = replace(self.mechanism, measured=tuple(measured))
         return replace(
             self.mechanism, symbols={**self.mechanism.symbols, **self.expressions.named}
         )
@@ -152,7 +193,7 @@ class Additions:
         return tuple(terms.items())
 
     def _add_rotor(self, rotor: RotorEntry, path: str) -> None:
-        spin = f"{rotor.name}.spin"
+        spin = rotor.name if rotor.elastic else f"{rotor.name}.spin"
         kind = "xyz".index(rotor.axis[-1])
         motion = Motion(
             MotionKind.ROTATION, spin, kind, -1 if rotor.axis.startswith("-") else 1
@@ -164,6 +205,9 @@ class Additions:
         # of a rotor that is symmetric about its axis all but the spin inertia counts to its carrier
         body = Body(rotor.name, label, parent, joint, (_SPIN[kind],))
         drives = self._linear(rotor.drives, f"{path}.drives")
+        if rotor.elastic:
+            self._add_spring(body, drives, path)
+            return
         coupling = Coupling(
             spin, tuple((name, linear(ratio)) for name, ratio in drives)
         )
@@ -171,6 +215,27 @@ class Additions:
             self.mechanism,
             bodies=(*self.mechanism.bodies, body),
             couplings=(*self.mechanism.couplings, coupling),
+        )
+
+    def _add_spring(
+        self, rotor: Body, drives: tuple[tuple[str, Polynomial], ...], path: str
+    ) -> None:
+        """A rotor that turns by itself, and the spring to its joint as a drive whose position is the deflection."""
+        mechanism = self.mechanism
+        (joint, ratio), *others = drives
+        number = ratio.number
+        if others or not number:
+            problem = "an elastic drive moves one joint, by a ratio that is a number: drives: 100*j1"
+            raise self.expressions.error(f"{path}.drives", problem)
+        share = Polynomial.constant(1 / Fraction(number))
+        spring = _Spring(f"{rotor.name}.spring", rotor.name, joint, share)
+        motor = Actuator(rotor.name, ((rotor.name, Polynomial.constant(1)),))
+        self.springs.append(spring)
+        self.mechanism = replace(
+            mechanism,
+            bodies=(*mechanism.bodies, rotor),
+            actuators=(*mechanism.actuators, motor, spring.drive),
+            independent=mechanism.independent and (*mechanism.independent, rotor.name),
         )
 
     # -- effects ---------------------------------------------------------------------------------------------------
@@ -184,6 +249,12 @@ class Additions:
                 entry, str
             ):  # the usual ones join when it is known what is measured
                 yield from self._ready(entry, path)
+        for spring in self.springs:
+            label = effect_label(self.mechanism, spring.motor)
+            sliding = slides(self.mechanism, spring.name)
+            yield from ready_made(
+                "elastic", spring.name, Side.ACTUATOR, label, sliding=sliding
+            )
 
     def _own(self, entry: OwnEffect, path: str) -> Effect:
         actions = tuple(
@@ -206,6 +277,7 @@ class Additions:
         if names == (EVERY,):
             free = floating_velocities(self.mechanism)
             every = self.mechanism.velocities if entry.side == "joint" else self._drives
+            free |= {spring.name for spring in self.springs}
             names = tuple(name for name in every if name not in free)
         found: list[tuple[Effect, ...]] = []
         for name in names:
@@ -260,6 +332,9 @@ class Additions:
             if side is Side.JOINT
             else self._drives
         )
+        joints = side is Side.JOINT
+        unmeasured = [s.motor if joints else s.name for s in self.springs]
+        valid = tuple(name for name in valid if name not in unmeasured)
         kind = "actuator" if side is Side.ACTUATOR else "joint coordinate"
         if side is Side.JOINT and self.mechanism.closures:
             kind = f"independent {kind}"

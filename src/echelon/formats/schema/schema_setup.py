@@ -10,6 +10,7 @@ from echelon.formats.schema.schema_types import (
     AS_LIST,
     Direction,
     Expression,
+    Flag,
     Frame,
     Model,
     Name,
@@ -272,3 +273,8 @@ class RotorEntry(Model):
         {"rpy": ["pi/2", 0, 0]},
     )
     label: Name | None = optional(None, "Ends the names of its parameters.", "m3")
+    elastic: Flag = optional(
+        False,
+        "Turns by itself: a spring with damping is between it and the one joint that it drives.",
+        True,
+    )

@@ -141,7 +141,8 @@ def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
                 "weight": expression_text(weight),
             }
         )
-    return {"name": output.name, "unit": output.unit, "sum": terms}
+    reads = output.reads or None
+    return _stated(name=output.name, unit=output.unit, sum=terms, reads=reads)
 
 
 def _wrench(cut: Cut, mechanism: Mechanism) -> dict[str, Any]:

@@ -266,7 +266,7 @@ class _LogSection:
             self.mechanism.independent_positions,
             self.mechanism.independent_velocities,
         )
-        outputs = tuple(output.name for output in self.mechanism.outputs)
+        outputs = tuple(output.name for output in self.mechanism.sensed)
         return ColumnMap(
             None
             if log.time is None
