@@ -46,7 +46,7 @@ from echelon.identification.signals.filters import (
 from echelon.identification.signals.filters import (
     ORDER as ORDER,
 )
-from echelon.robot import Mechanism, Output, Side, symbol_values
+from echelon.robot import Force, Mechanism, Output, Side, symbol_values
 from echelon.shared import Flags, Floats, InputError, extra
 
 
@@ -226,11 +226,16 @@ def _by_kind(x: Floats, xd: Floats, xdd: Floats, mechanism: Mechanism) -> States
 def speed_rows(
     mechanism: Mechanism, output: Output, names: Sequence[str]
 ) -> Floats | None:
-    """Speeds of the joints or actuators of an output as combinations (speeds, velocities); None for a wrench."""
+    """Speeds of the joints or actuators of an output as combinations (speeds, velocities); None for a wrench.
+
+    Where friction is dry in some of them, of these.
+    """
     if output.cuts:
         return None
-    rows = np.zeros((len(output.forces), len(names)))
-    for row, (force, _) in zip(rows, output.forces, strict=True):
+    forces = [force for force, _ in output.forces]
+    forces = [f for f in forces if _is_dry_at(mechanism, f)] or forces
+    rows = np.zeros((len(forces), len(names)))
+    for row, force in zip(rows, forces, strict=True):
         if force.side is Side.JOINT:
             row[names.index(force.at)] = 1.0
         else:
@@ -245,25 +250,24 @@ def speed_rows(
 
 def has_dry_friction(mechanism: Mechanism, output: Output) -> bool:
     """Whether an output sees dry friction."""
+    return any(_is_dry_at(mechanism, force) for force, _ in output.forces)
+
+
+def _is_dry_at(mechanism: Mechanism, force: Force) -> bool:
+    """Whether a force is one of dry friction among others."""
     dry = {
         (a.at, a.side)
         for effect in mechanism.effects
         for a in effect.actions
         if a.read.is_dry
     }
-    for force, _ in output.forces:
-        if mechanism.dependent_velocities:  # which move with the output, too
-            return bool(dry)
-        moved = (
-            mechanism.transmission.inverse[force.at]
-            if force.side is Side.ACTUATOR
-            else ()
-        )
-        if (force.at, force.side) in dry or any(
-            (name, Side.JOINT) in dry for name in moved
-        ):
-            return True
-    return False
+    if mechanism.dependent_velocities:  # which move with the output, too
+        return bool(dry)
+    moved = (
+        mechanism.transmission.inverse[force.at] if force.side is Side.ACTUATOR else ()
+    )
+    beyond = {(name, Side.JOINT) for name in moved}
+    return bool(dry & {(force.at, force.side), *beyond})
 
 
 @dataclass(frozen=True, eq=False)
