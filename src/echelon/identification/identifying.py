@@ -12,10 +12,16 @@ import numpy as np
 from echelon.base import Identifiability, base_parameters
 from echelon.formats import slides, with_rotors
 from echelon.identification.chosen_values import chosen_values
+from echelon.identification.constants import Profile, started
 from echelon.identification.current_fit import gain_names
 from echelon.identification.estimators.estimate import CLEAR
 from echelon.identification.fit_findings import contradictions, fit_findings, limited
-from echelon.identification.fitting import base_fit, physics, without_friction
+from echelon.identification.fitting import (
+    base_fit,
+    correlation,
+    physics,
+    without_friction,
+)
 from echelon.identification.judge.findings import contradiction, finding
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judged
@@ -217,7 +223,7 @@ def _fitted(
     settings = setup.settings
     with one_thread():
         step("deriving the base parameters")
-        base = base_parameters(setup.mechanism, seed=setup.seed)
+        base = base_parameters(started(setup.mechanism), seed=setup.seed)
         fitted_logs, unseen_logs = _split_logs(given, others, settings.holdout)
         surveyed = survey(setup, base, fitted_logs, unseen_logs)
         plan = LogPlan(
@@ -226,11 +232,17 @@ def _fitted(
             surveyed.preparation,
             0.0 if unseen_logs else settings.holdout,
         )
-        prior = known_before(base, setup.prior)
-        prior_base = None if prior is None else prior.base_values(base)
-
         step(f"taking in {counted(len(fitted_logs), 'log')}")
         data = PassesOverData(plan, fitted_logs, client, memory)
+        laws = Profile.of(data, setup.mechanism)
+        if laws is not None:
+            step("looking for constants of laws")
+            base = base_parameters(laws.fitted(setup.mechanism), seed=setup.seed)
+            plan = replace(plan, base=base)
+            data = PassesOverData(plan, fitted_logs, client, memory)
+
+        prior = known_before(base, setup.prior)
+        prior_base = None if prior is None else prior.base_values(base)
 
         step("estimating")
         fit = base_fit(setup, data, surveyed.noisy, prior_base)
@@ -262,7 +274,9 @@ def _fitted(
         )
         elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 
+    constants = () if laws is None else laws.constants(correlation(estimate), settings.level)
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
+    findings += [some.finding(settings.level) for some in constants]
     findings += [
         *surveyed.findings,
         *(() if prior is None else prior.findings),
@@ -296,7 +310,7 @@ def _fitted(
         validations=validations,
         findings=limited(findings),
         predict_with=used,
-        settings=_record(setup, plan),
+        settings={**_record(setup, plan), "constants": list(map(asdict, constants))},
         verdict=f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
         reasons=(
             *judgement.reasons,

@@ -242,6 +242,7 @@ class Mechanism:
         _check_effects(self)
         _check_outputs(self)
         _check_names(self)
+        _check_fitted(self)
 
     def as_read(self, reading: Reading) -> Mechanism:
         """A copy that remembers its reading; copies by :func:`dataclasses.replace` do not."""
@@ -666,6 +667,20 @@ def _check_outputs(mechanism: Mechanism) -> None:
             if force.at not in valid:
                 problem = f"'{force.at}' is not measurable here (valid: {', '.join(valid) or 'none'})"
                 raise InputError(problem, element=where)
+
+
+def _check_fitted(mechanism: Mechanism) -> None:
+    """Refuse symbols that logs have to tell, where more than effects depends on them."""
+    placed = [e for frame in setup_placements(mechanism) for e in frame.entries()]
+    others = (*placed, *setup_ratios(mechanism), *(mechanism.gravity or ()))
+    used = {name for value in others for name in value.symbols()}
+    used.update(name for body in mechanism.bodies for name in body.joint.symbols())
+    for name, symbol in mechanism.symbols.items():
+        if symbol.fit is not None and name in used:
+            raise InputError(
+                "only constants of effects are fitted, and the geometry depends on it",
+                element=f"symbol '{name}'",
+            )
 
 
 def _check_names(mechanism: Mechanism) -> None:

@@ -249,6 +249,7 @@ def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
         approximate=approximate,
         tangent_squared=arc,
         meaning=symbol.meaning or None,
+        fit=symbol.fit and list(symbol.fit),
     )
     return entry.get("value") if set(entry) <= {"value"} else entry
 
