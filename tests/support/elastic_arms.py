@@ -33,7 +33,9 @@ class ElasticArm:
         zz1, mx1, zz2, mx2 = self.links
         c2, s2 = np.cos(q[1]), np.sin(q[1])
         coupled = LENGTH * mx2 * c2
-        mass = np.array([[zz1 + zz2 + 2 * coupled, zz2 + coupled], [zz2 + coupled, zz2]])
+        mass = np.array(
+            [[zz1 + zz2 + 2 * coupled, zz2 + coupled], [zz2 + coupled, zz2]]
+        )
         h = LENGTH * mx2 * s2
         outer = GRAVITY * mx2 * np.cos(q[0] + q[1])
         rest = [
@@ -54,30 +56,46 @@ class ElasticArm:
 
     def asked(self, t: float) -> tuple[Floats, Floats]:
         """Motion of the joints that is asked for."""
-        size, rate = np.array([[0.7, 0.3], [0.8, 0.35]]), np.array([[1.7, 4.3], [2.6, 6.1]])
-        return (size * np.sin(rate * t)).sum(axis=1), (size * rate * np.cos(rate * t)).sum(axis=1)
+        size, rate = (
+            np.array([[0.7, 0.3], [0.8, 0.35]]),
+            np.array([[1.7, 4.3], [2.6, 6.1]]),
+        )
+        return (size * np.sin(rate * t)).sum(axis=1), (
+            size * rate * np.cos(rate * t)
+        ).sum(axis=1)
 
     def drive(self, t: float, motor: Floats, speed: Floats) -> Floats:
         """Torques of the motors, by their controllers."""
         q, qd = self.asked(t)
         return 0.02 * (self.ratios * q - motor) + 0.01 * (self.ratios * qd - speed)
 
-    def simulated(self, seconds: float = 12.0, rate: float = 1000.0) -> dict[str, Floats]:
+    def simulated(
+        self, seconds: float = 12.0, rate: float = 1000.0
+    ) -> dict[str, Floats]:
         """A log without noise."""
 
         def slope(t: float, x: Floats) -> Floats:
             q, motor, qd, speed = x.reshape(4, 2)
             torque = self.spring(q, qd, motor, speed)
             mass, rest = self.link_forces(q, qd)
-            rotor = self.drive(t, motor, speed) - self.friction(speed) - torque / self.ratios
-            return np.concatenate([qd, speed, np.linalg.solve(mass, torque - rest), rotor / self.rotors])
+            rotor = (
+                self.drive(t, motor, speed)
+                - self.friction(speed)
+                - torque / self.ratios
+            )
+            return np.concatenate(
+                [qd, speed, np.linalg.solve(mass, torque - rest), rotor / self.rotors]
+            )
 
         q, qd = self.asked(0.0)
         t = np.arange(0.0, seconds, 1 / rate)
         start = np.concatenate([q, self.ratios * q, qd, self.ratios * qd])
         x = solve_ivp(slope, (0.0, t[-1]), start, "LSODA", t, rtol=1e-9, atol=1e-9).y
         torque = [self.drive(*some) for some in zip(t, x[2:4].T, x[6:].T, strict=True)]
-        joint = [self.spring(*some) for some in zip(x[:2].T, x[4:6].T, x[2:4].T, x[6:].T, strict=True)]
+        joint = [
+            self.spring(*some)
+            for some in zip(x[:2].T, x[4:6].T, x[2:4].T, x[6:].T, strict=True)
+        ]
         found = {"t": t} | {f"q{k + 1}": x[k] for k in range(2)}
         found |= {f"theta{k + 1}": x[2 + k] for k in range(2)}
         found |= {f"tau{k + 1}": np.array(torque)[:, k] for k in range(2)}

@@ -10,7 +10,7 @@ While a constant leaves its best value, the others follow along the line on whic
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from math import inf
 from statistics import NormalDist
@@ -25,6 +25,8 @@ from echelon.identification.estimators.least_squares import (
     noise_floor,
 )
 from echelon.identification.logs.finding import Finding, note, warning
+from echelon.identification.logs.preparation.prepare import with_bristles
+from echelon.identification.logs.recording import Samples
 from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.rows.rows import ModelRows
 from echelon.robot import Mechanism
@@ -112,7 +114,9 @@ class Profile:
         if not found:
             return None
         profile = Profile(data, found, np.full(len(found), 0.5))
-        _ = data.batches  # which takes the samples into memory, if there is room for them
+        _ = (
+            data.batches
+        )  # which takes the samples into memory, if there is room for them
         profile._search()
         return profile
 
@@ -148,9 +152,13 @@ class Profile:
             raise InputError(
                 f"the constants {', '.join(self.ranges)} were not found in {_MOST_FITS} fits: state some of them"
             )
-        data = self.data
-        rows = ModelRows(data.plan.base, data.fitted, self._values(places))
-        return deviance(rows.observation())
+        base, values = self.data.plan.base, self._values(places)
+
+        def samples() -> Iterator[Samples]:
+            for some in self.data.fitted():
+                yield with_bristles(some, base.mechanism, values)
+
+        return deviance(ModelRows(base, samples, values).observation())
 
     def _search(self) -> None:
         """Best values: by a grid, each beside the others, then by Powell's method."""
@@ -210,7 +218,9 @@ class Profile:
         for j in range(count):
             for k in range(j + 1):
                 corners = [
-                    sign * other * self._deviance(middle + sign * steps[j] + other * steps[k])
+                    sign
+                    * other
+                    * self._deviance(middle + sign * steps[j] + other * steps[k])
                     for sign in (1, -1)
                     for other in (1, -1)
                 ]

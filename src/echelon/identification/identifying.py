@@ -274,7 +274,9 @@ def _fitted(
         )
         elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 
-    constants = () if laws is None else laws.constants(correlation(estimate), settings.level)
+    constants = (
+        () if laws is None else laws.constants(correlation(estimate), settings.level)
+    )
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [some.finding(settings.level) for some in constants]
     findings += [

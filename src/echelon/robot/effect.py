@@ -55,6 +55,19 @@ class Action:
 
 
 @dataclass(frozen=True)
+class Bristles:
+    """State of LuGre friction, which its terms use as input: the bristles' force by that of Coulomb friction.
+
+    x = σ0 z/Fc obeys ẋ = stiffness (q̇ − |q̇| x/γ(q̇)) with γ = 1 + (ratio − 1) exp(−(q̇/velocity)²) (Canudas de Wit et
+    al., IEEE Trans. Automatic Control 40, 1995).  All are expressions of numbers and symbols.
+    """
+
+    stiffness: str  # σ0/Fc, 1/rad or 1/m
+    velocity: str  # of Stribeck, rad/s or m/s
+    ratio: str  # of static to Coulomb friction
+
+
+@dataclass(frozen=True)
 class Effect:
     """One parameter of an effect, and what a unit of it does."""
 
@@ -62,13 +75,16 @@ class Effect:
     unit: str  # SI unit
     actions: tuple[Action, ...]
     value: float | None = None  # value stated by the file
+    bristles: Bristles | None = (
+        None  # what its input is computed by, if it is not measured
+    )
 
     @property
     def symbols(self) -> frozenset[str]:
         """Names that its terms use, geometry symbols among them."""
-        return frozenset(
-            name for action in self.actions for name in read_term(action.term).symbols
-        )
+        terms = [action.term for action in self.actions]
+        terms += [] if self.bristles is None else vars(self.bristles).values()
+        return frozenset(name for term in terms for name in read_term(term).symbols)
 
 
 @dataclass(frozen=True)
@@ -97,6 +113,16 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
     "stribeck": (
         EffectTerm(
             "Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"
+        ),
+    ),
+    "lugre": (
+        EffectTerm("Fc", "N·m", "N", "i"),
+        EffectTerm(
+            "Fb",
+            "N·m·s/rad",
+            "N·s/m",
+            "qd - abs(qd)*i/(1 + (({ratio}) - 1)*exp(-(qd/({velocity}))**2))",
+            positive=True,
         ),
     ),
     "load_friction": (EffectTerm("Fl", "", "", "sign(qd)*abs(i)", positive=True),),
@@ -139,6 +165,7 @@ The input of a servo is the position that it is commanded to, and Kp its gain.
 
 CONSTANTS: dict[str, dict[str, str | None]] = {
     "stribeck": {"velocity": None, "exponent": "2"},
+    "lugre": {"stiffness": None, "velocity": None, "ratio": "1"},
     "counterbalance": {"phase": None},
     "stop": {"lower": None, "upper": None},
     "ripple": {"harmonic": None},
@@ -157,11 +184,13 @@ def ready_made(
 ) -> tuple[Effect, ...]:
     """The parameters of a ready-made effect at one coordinate."""
     stated = constants or {}
+    bristles = Bristles(**stated) if kind == "lugre" else None
     return tuple(
         Effect(
             f"{entry.symbol.format(**stated)}{label}",
             entry.force_unit if sliding else entry.torque_unit,
             (Action(at, side, entry.term.format(**stated)),),
+            bristles=bristles,
         )
         for entry in KINDS[kind]
     )

@@ -40,6 +40,7 @@ from echelon.robot import (
     Action,
     Actuator,
     Body,
+    Bristles,
     Closure,
     ClosureKind,
     Coupling,
@@ -270,7 +271,9 @@ class Additions:
             if entry.value is None
             else self.expressions.real(entry.value, f"{path}.value")
         )
-        return Effect(entry.parameter, entry.unit, actions, value)
+        state = entry.bristles
+        bristles = None if state is None else Bristles(**dict(state))
+        return Effect(entry.parameter, entry.unit, actions, value, bristles)
 
     def _ready(self, entry: ReadyEffect, path: str) -> list[Effect]:
         names = (entry.at,) if isinstance(entry.at, str) else entry.at

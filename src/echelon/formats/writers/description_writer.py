@@ -113,7 +113,14 @@ def _setup(mechanism: Mechanism) -> dict[str, Any]:
 def _effect(effect: Effect) -> dict[str, Any]:
     acts = [{"at": a.at, "side": a.side.value, "term": a.term} for a in effect.actions]
     value = None if effect.value is None else repr(float(effect.value))
-    return _stated(parameter=effect.parameter, unit=effect.unit, acts=acts, value=value)
+    bristles = None if effect.bristles is None else vars(effect.bristles)
+    return _stated(
+        parameter=effect.parameter,
+        unit=effect.unit,
+        acts=acts,
+        value=value,
+        bristles=bristles,
+    )
 
 
 def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:

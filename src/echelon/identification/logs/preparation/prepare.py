@@ -28,6 +28,7 @@ from echelon.identification.logs.columns.column_map import (
     signal_names,
 )
 from echelon.identification.logs.faults.repeated_values import pinned
+from echelon.identification.logs.preparation.bristles import bent
 from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.signals.clock import shift_reach, shifted
 from echelon.identification.signals.filters import (
@@ -46,7 +47,14 @@ from echelon.identification.signals.filters import (
 from echelon.identification.signals.filters import (
     ORDER as ORDER,
 )
-from echelon.robot import Force, Mechanism, Output, Side, symbol_values
+from echelon.robot import (
+    Force,
+    Mechanism,
+    Output,
+    Side,
+    known_values,
+    symbol_values,
+)
 from echelon.shared import Flags, Floats, InputError, extra
 
 
@@ -270,6 +278,25 @@ def _is_dry_at(mechanism: Mechanism, force: Force) -> bool:
     return bool(dry & {(force.at, force.side), *beyond})
 
 
+def with_bristles(
+    samples: Samples, mechanism: Mechanism, symbols: Mapping[str, float] | None = None
+) -> Samples:
+    """Samples with the states of LuGre friction among their inputs."""
+    found = dict(samples.inputs)
+    known = {**known_values(mechanism), **(symbols or {})}
+    for effect in mechanism.effects:
+        if effect.bristles is None:
+            continue
+        for action in effect.actions:
+            output = Force(action.at, action.side).output("", "")
+            names = velocity_names(mechanism, samples.q.shape[1])
+            rows = speed_rows(mechanism, output, names)
+            assert rows is not None
+            speed = samples.qd @ rows[0]
+            found[action.at] = bent(speed, samples.rate, effect.bristles, known)
+    return replace(samples, inputs=found)
+
+
 @dataclass(frozen=True, eq=False)
 class PreparationPlan:
     """Settings at a rate: the samples that filters need, and the samples that they make of a piece."""
@@ -345,19 +372,21 @@ class PreparationPlan:
         q, qd, qdd = states(piece, self.preparation, self.mechanism)
         qd, moving = self._moving(qd, q.shape[1])
         at_limits = self._at_limits(piece)
-        return Samples(
+        measured = "y" in piece.signals
+        found = Samples(
             piece.source,
             piece.start + rows.start / piece.rate,
             piece.rate,
             q[rows],
             qd[rows],
             qdd[rows],
-            y=self._on_time(piece.signals["y"])[rows] if "y" in piece.signals else None,
+            y=self._on_time(piece.signals["y"])[rows] if measured else None,
             inputs={name: values[rows] for name, values in piece.inputs.items()},
             reduction=self.reduction,
             moving=None if moving is None else moving[rows],
             pinned=None if at_limits is None else at_limits[rows],
         )
+        return with_bristles(found, self.mechanism)
 
     def _at_limits(self, piece: Segment) -> Flags | None:
         """Samples (N, outputs) whose sensor is at a limit while the robot moves; None if there are none."""
