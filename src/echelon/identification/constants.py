@@ -171,10 +171,10 @@ class Profile:
         base = self._deviance(self.best)
         found = minimize(
             lambda places: self._deviance(places) - base,
-            self.best,
+            self.best.tolist(),
             method="Powell",
             bounds=[(0.0, 1.0)] * count,
-            options={"xtol": _PRECISION, "ftol": _PRECISION},
+            tol=_PRECISION,
         )
         if found.fun < 0:
             self.best = np.asarray(found.x, dtype=float)

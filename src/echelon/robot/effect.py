@@ -158,7 +158,8 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
     "drive_gain": (EffectTerm("Kt", "N·m/A", "N/A", "-i"),),
     "servo": (EffectTerm("Kp", "N·m/rad", "N/m", "q - i"),),
 }
-"""Ready-made effects; a spring has a stiffness and a preload, an elastic one damping as well.  With positive parameters friction opposes the motion.
+"""Ready-made effects; a spring has a stiffness and a preload, an elastic one damping as well.  With positive parameters
+friction opposes the motion.
 
 The input of a servo is the position that it is commanded to, and Kp its gain.
 """

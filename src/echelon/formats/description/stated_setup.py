@@ -25,13 +25,13 @@ from echelon.formats.literal import StatedJoint
 from echelon.formats.met_frames import at_zero, second_frame
 from echelon.formats.rounding import COARSEST, rounding_of_mechanism
 from echelon.formats.schema.robot_schema import RobotDescription
+from echelon.formats.schema.schema_outputs import ActuatorOutput
 from echelon.formats.schema.schema_setup import (
     LinearTerms,
     OwnEffect,
     ReadyEffect,
     RotorEntry,
 )
-from echelon.formats.schema.schema_outputs import ActuatorOutput
 from echelon.formats.schema.schema_types import Frame, LoopEntry
 from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
@@ -225,10 +225,10 @@ class Additions:
         mechanism = self.mechanism
         (joint, ratio), *others = drives
         number = ratio.number
-        if others or not number:
+        if others or not isinstance(number, int | Fraction) or not number:
             problem = "an elastic drive moves one joint, by a ratio that is a number: drives: 100*j1"
             raise self.expressions.error(f"{path}.drives", problem)
-        share = Polynomial.constant(1 / Fraction(number))
+        share = Polynomial.constant(Fraction(1, number))
         spring = _Spring(f"{rotor.name}.spring", rotor.name, joint, share)
         motor = Actuator(rotor.name, ((rotor.name, Polynomial.constant(1)),))
         self.springs.append(spring)
