@@ -168,9 +168,13 @@ class Profile:
         for k in [*range(count), *range(count if count > 1 else 0)]:
             tried = map(self._beside(k), np.linspace(0, 1, _GRID))
             self.best = min(tried, key=self._deviance)
-        base = self._deviance(self.best)
+        least = self._deviance(self.best)
+
+        def above(places: Floats) -> float:
+            return self._deviance(places) - least
+
         found = minimize(
-            lambda places: self._deviance(places) - base,
+            above,
             self.best.tolist(),
             method="Powell",
             bounds=[(0.0, 1.0)] * count,
