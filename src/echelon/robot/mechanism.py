@@ -407,6 +407,13 @@ class Mechanism:
         """The outputs with measured values of their own."""
         return tuple(output for output in self.outputs if not output.reads)
 
+    @property
+    def springs(self) -> frozenset[str]:
+        """Drives without motors: the springs of elastic drives."""
+        sensed = {force.at for output in self.sensed for force, _ in output.forces}
+        every = {force.at for output in self.outputs for force, _ in output.forces}
+        return frozenset(every - sensed)
+
     @cached_property
     def cuts(self) -> tuple[Cut, ...]:
         """Components of wrenches between bodies that some output measures."""

@@ -83,16 +83,26 @@ _ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
 class _Spring:
     """The spring of an elastic drive."""
 
-    name: str
     motor: str
     joint: str
     share: Polynomial  # motion of the joint by that of the motor
 
     @property
-    def drive(self) -> Actuator:
-        """The drive whose position is the deflection, and whose force is zero: that of bodies and of the spring."""
-        ends = ((self.joint, Polynomial.constant(1)), (self.motor, -self.share))
-        return Actuator(self.name, ends)
+    def name(self) -> str:
+        """The drive whose position is the deflection."""
+        return f"{self.motor}.spring"
+
+    @property
+    def spin(self) -> str:
+        """Coordinate of the rotor."""
+        return f"{self.motor}.spin"
+
+    @property
+    def drives(self) -> tuple[Actuator, Actuator]:
+        """The motor, and the spring, whose force is zero: that of the bodies behind it and its own."""
+        one = Polynomial.constant(1)
+        ends = ((self.joint, one), (self.spin, -self.share))
+        return Actuator(self.motor, ((self.spin, one),)), Actuator(self.name, ends)
 
     def output(self, measured: Sequence[Output]) -> Output:
         """A measured output by the force of the spring in the place of that of the bodies behind it.
@@ -194,7 +204,7 @@ class Additions:
         return tuple(terms.items())
 
     def _add_rotor(self, rotor: RotorEntry, path: str) -> None:
-        spin = rotor.name if rotor.elastic else f"{rotor.name}.spin"
+        spin = f"{rotor.name}.spin"
         kind = "xyz".index(rotor.axis[-1])
         motion = Motion(
             MotionKind.ROTATION, spin, kind, -1 if rotor.axis.startswith("-") else 1
@@ -229,14 +239,13 @@ class Additions:
             problem = "an elastic drive moves one joint, by a ratio that is a number: drives: 100*j1"
             raise self.expressions.error(f"{path}.drives", problem)
         share = Polynomial.constant(Fraction(1, number))
-        spring = _Spring(f"{rotor.name}.spring", rotor.name, joint, share)
-        motor = Actuator(rotor.name, ((rotor.name, Polynomial.constant(1)),))
+        spring = _Spring(rotor.name, joint, share)
         self.springs.append(spring)
         self.mechanism = replace(
             mechanism,
             bodies=(*mechanism.bodies, rotor),
-            actuators=(*mechanism.actuators, motor, spring.drive),
-            independent=mechanism.independent and (*mechanism.independent, rotor.name),
+            actuators=(*mechanism.actuators, *spring.drives),
+            independent=mechanism.independent and (*mechanism.independent, spring.spin),
         )
 
     # -- effects ---------------------------------------------------------------------------------------------------
@@ -280,8 +289,7 @@ class Additions:
         if names == (EVERY,):
             free = floating_velocities(self.mechanism)
             every = self.mechanism.velocities if entry.side == "joint" else self._drives
-            free |= {spring.name for spring in self.springs}
-            names = tuple(name for name in every if name not in free)
+            names = tuple(name for name in self._stiff(every) if name not in free)
         found: list[tuple[Effect, ...]] = []
         for name in names:
             side = self._side(name, entry.side, f"{path}.at")
@@ -315,6 +323,11 @@ class Additions:
             actions=tuple(action for effect in effects for action in effect.actions),
         )
 
+    def _stiff(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Places without those of elastic drives at which nothing is measured, and no friction usual."""
+        hidden = {name for s in self.springs for name in (s.name, s.spin)}
+        return tuple(name for name in names if name not in hidden)
+
     def _side(self, at: str, stated: str | None, path: str) -> Side:
         drives = self._drives
         joints = tuple(
@@ -335,9 +348,7 @@ class Additions:
             if side is Side.JOINT
             else self._drives
         )
-        joints = side is Side.JOINT
-        unmeasured = [s.motor if joints else s.name for s in self.springs]
-        valid = tuple(name for name in valid if name not in unmeasured)
+        valid = self._stiff(valid)
         kind = "actuator" if side is Side.ACTUATOR else "joint coordinate"
         if side is Side.JOINT and self.mechanism.closures:
             kind = f"independent {kind}"

@@ -258,7 +258,11 @@ class _LogSection:
 
     def __init__(self, mechanism: Mechanism, document: Document, path: str) -> None:
         self.mechanism, self.document, self.path = mechanism, document, path
-        self.drives = tuple(a.name for a in mechanism.transmission.actuators)
+        self.drives = tuple(
+            a.name
+            for a in mechanism.transmission.actuators
+            if a.name not in mechanism.springs
+        )
         self.known = {**known_values(mechanism), PI: math.pi}
 
     def read(self, log: LogEntry) -> ColumnMap:
