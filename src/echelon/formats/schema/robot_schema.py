@@ -7,7 +7,6 @@ checked by :mod:`echelon.formats.robot_file`.
 
 from __future__ import annotations
 
-from math import inf
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Tag, model_validator
@@ -88,7 +87,7 @@ class SymbolDetails(Model):
     def _check_range(self) -> Self:
         if self.fit is not None and (self.value or self.approximate):
             raise refusal("a symbol has a value or is fitted, not both")
-        if self.fit is not None and not -inf < self.fit[0] < self.fit[1] < inf:
+        if self.fit is not None and not self.fit[0] < self.fit[1]:
             raise refusal("a range goes from a number to a larger one")
         return self
 
