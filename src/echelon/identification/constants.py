@@ -10,7 +10,7 @@ While a constant leaves its best value, the others follow along the line on whic
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from statistics import NormalDist
@@ -18,12 +18,14 @@ from statistics import NormalDist
 import numpy as np
 
 from echelon.compute import Observation
+from echelon.identification.estimators.estimate import solved
 from echelon.identification.estimators.least_squares import (
     fixed_noise,
     least_squares,
     noise_estimate,
     noise_floor,
 )
+from echelon.identification.fitting import BaseFit, correlation
 from echelon.identification.logs.finding import Finding, note, warning
 from echelon.identification.logs.preparation.prepare import with_bristles
 from echelon.identification.logs.recording import Samples
@@ -124,20 +126,43 @@ class Profile:
         """A mechanism with the best values."""
         return _with_values(mechanism, self._values(self.best))
 
-    def constants(self, inflation: float, level: float) -> tuple[Constant, ...]:
-        """The best values with intervals; residuals that resemble their neighbours inflate the variance."""
-        rise = inflation * NormalDist().inv_cdf((1 + level) / 2) ** 2
-        values = self._values(self.best)
-        curvature = self._curvature(rise) if len(values) > 1 else None
-        found = []
+    def judged(
+        self, fit: BaseFit, level: float
+    ) -> tuple[tuple[Constant, ...], BaseFit]:
+        """The best values with intervals, and a fit with these values whose covariance counts what they leave open."""
+        quantile = NormalDist().inv_cdf((1 + level) / 2)
+        rises = [self._inflation(fit, name) * quantile**2 for name in self.ranges]
+        curvature = self._curvature(rises) if len(rises) > 1 else None
+        values, estimate = self._values(self.best), fit.estimate
+        found, covariance = [], estimate.covariance
         for k, (name, ends) in enumerate(self.ranges.items()):
-            low, high = self._reach(k, rise, self._beside(k, curvature))
+            path = self._beside(k, curvature)
+            low, high = self._reach(k, rises[k], path)
+            above, below = (
+                self._linear(path(end), estimate.parameters)
+                for end in np.clip((high, low), 0.0, 1.0)
+            )
+            moved = (above - below) / (2 * quantile)
+            covariance = covariance + np.outer(moved, moved)
             interval = (
                 _at(ends, low) if low >= 0 else None,
                 _at(ends, high) if high <= 1 else None,
             )
             found.append(Constant(name, values[name], interval, ends, 0))
-        return tuple(replace(some, fits=self.fits) for some in found)
+        fit = replace(fit, estimate=replace(estimate, covariance=covariance))
+        return tuple(replace(some, fits=self.fits) for some in found), fit
+
+    def _inflation(self, fit: BaseFit, name: str) -> float:
+        """Variance of parameters that a constant belongs to, by that of rows that do not resemble one another."""
+        mechanism = self.data.plan.base.mechanism
+        own = {e.parameter for e in mechanism.effects if name in e.symbols}
+        estimate = fit.estimate
+        mine = [n in own for n in estimate.parameters]
+        if not (fit.conditions.is_complete and any(mine)):
+            return correlation(estimate)
+        alone = solved(fit.observation, estimate.units, fit.weights).inverse
+        ratios = np.diagonal(estimate.covariance)[mine] / np.diagonal(alone)[mine]
+        return max(1.0, float(ratios.mean()))
 
     # -- likelihood ----------------------------------------------------------------------------------------------
 
@@ -147,6 +172,17 @@ class Profile:
 
     def _deviance(self, places: Floats) -> float:
         """Minus twice the logarithm of the likelihood at places, shape (constants,), of the best linear parameters."""
+        return deviance(self._observed(places))[0]
+
+    def _linear(self, places: Floats, names: Sequence[str]) -> Floats:
+        """The best linear parameters of some names, zero where there are none."""
+        observation = self._observed(places)
+        found = dict(
+            zip(observation.layout.parameters, deviance(observation)[1], strict=True)
+        )
+        return np.array([found.get(name, 0.0) for name in names])
+
+    def _observed(self, places: Floats) -> Observation:
         self.fits += 1
         if self.fits > _MOST_FITS:
             raise InputError(
@@ -158,7 +194,7 @@ class Profile:
             for some in self.data.fitted():
                 yield with_bristles(some, base.mechanism, values)
 
-        return deviance(ModelRows(base, samples, values).observation())
+        return ModelRows(base, samples, values).observation()
 
     def _search(self) -> None:
         """Best values: by a grid, each beside the others, then by Powell's method."""
@@ -211,10 +247,10 @@ class Profile:
                 found[side] = brentq(above, end, own, xtol=_PRECISION)
         return found[0], found[1]
 
-    def _curvature(self, rise: float) -> Floats:
-        """Second derivatives of the deviance by the places, from differences within some rise of it."""
+    def _curvature(self, rises: Sequence[float]) -> Floats:
+        """Second derivatives of the deviance by the places, from differences within some rises of it."""
         count = len(self.best)
-        reaches = [self._reach(k, rise, self._beside(k)) for k in range(count)]
+        reaches = [self._reach(k, rises[k], self._beside(k)) for k in range(count)]
         steps = np.diag(np.diff(np.clip(reaches, 0.0, 1.0)).ravel() / 4)
         sizes = steps.sum(axis=0)
         middle = np.clip(self.best, sizes, 1 - sizes)
@@ -232,18 +268,20 @@ class Profile:
         return found
 
 
-def deviance(observation: Observation) -> float:
-    """Minus twice the logarithm of the likelihood of the best parameters, up to a constant.
+def deviance(observation: Observation) -> tuple[float, Floats]:
+    """Minus twice the logarithm of the likelihood of the best parameters, up to a constant, and these.
 
-    Where the rows do not determine all parameters, those of them that are left out change nothing.
+    Where the rows do not determine all parameters, they are the smallest.
     """
     counts, floor = np.array(observation.counts), noise_floor(observation)
+    values = np.zeros(len(observation.layout.parameters))
 
     def updated(noise: Floats) -> Floats:
+        nonlocal values
         values = least_squares(observation.combined(1 / noise))
         left = observation.misfits(values) / np.sqrt(np.maximum(counts, 1))
         return np.where(counts > 0, np.maximum(left, floor), inf)
 
     noise, _, _ = fixed_noise(updated, noise_estimate(observation))
     told = counts > 0
-    return float(2 * counts[told] @ np.log(noise[told]))
+    return float(2 * counts[told] @ np.log(noise[told])), values

@@ -12,13 +12,12 @@ import numpy as np
 from echelon.base import Identifiability, base_parameters
 from echelon.formats import slides, with_rotors
 from echelon.identification.chosen_values import chosen_values
-from echelon.identification.constants import Profile, started
+from echelon.identification.constants import Constant, Profile, started
 from echelon.identification.current_fit import gain_names
 from echelon.identification.estimators.estimate import CLEAR
 from echelon.identification.fit_findings import contradictions, fit_findings, limited
 from echelon.identification.fitting import (
     base_fit,
-    correlation,
     physics,
     without_friction,
 )
@@ -246,6 +245,9 @@ def _fitted(
 
         step("estimating")
         fit = base_fit(setup, data, surveyed.noisy, prior_base)
+        constants: tuple[Constant, ...] = ()
+        if laws is not None:
+            constants, fit = laws.judged(fit, settings.level)
         estimate, conditions = fit.estimate, fit.conditions
 
         step("fitting a physical robot")
@@ -274,9 +276,6 @@ def _fitted(
         )
         elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 
-    constants = (
-        () if laws is None else laws.constants(correlation(estimate), settings.level)
-    )
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
     findings += [some.finding(settings.level) for some in constants]
     findings += [
