@@ -104,8 +104,9 @@ def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
 
 
 def write(folder: Path) -> None:
-    """The two pictures of README, and that of the rooms."""
+    """The two pictures of README, that of the rooms, and that of an elastic drive."""
     import echelon
+    import elastic_picture
     from rooms_picture import picture
 
     base = echelon.base_parameters(echelon.load(ROOT / "examples/panda.yaml"))
@@ -113,6 +114,8 @@ def write(folder: Path) -> None:
     (folder / "panda.svg").write_text(robot(base).svg, encoding="utf-8")
     (folder / "panda-structure.svg").write_text(structure(base).svg, encoding="utf-8")
     (folder / "rooms.svg").write_text(picture(), encoding="utf-8")
+    drive = elastic_picture.picture()
+    (folder / "elastic-drive.svg").write_text(drive, encoding="utf-8")
 
 
 if __name__ == "__main__":

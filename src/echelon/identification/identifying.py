@@ -198,6 +198,7 @@ def _lifted(result: Identification) -> set[str]:
         a.at: name
         for name, a in actions
         if a.kind == "offset" and clear.get(name) and slides(mechanism, a.at)
+        if a.at not in mechanism.springs
     }
     offsets = {at: name for at, name in offsets.items() if at not in rotors}
     if not offsets:

@@ -186,7 +186,9 @@ def with_file_effects(setup: Setup) -> Setup:
 
 def with_usual(setup: Setup) -> Setup:
     """The set-up with the usual effects, where its file is silent about effects."""
-    if setup.states_effects or setup.mechanism.effects:
+    springs = setup.mechanism.springs
+    own = [a for e in setup.mechanism.effects for a in e.actions if a.at not in springs]
+    if setup.states_effects or own:
         return setup
     drives = {} if setup.robot_file is None else setup.robot_file.tree().drives
     mechanism = with_usual_effects(setup.mechanism, drives)
