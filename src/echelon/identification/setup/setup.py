@@ -204,7 +204,7 @@ def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
     """A note on effects that nobody stated."""
     places: dict[str, list[str]] = {"viscous": [], "rotor_inertia": [], "spring": []}
     for action in (effect.actions[0] for effect in mechanism.effects):
-        if action.kind in places:
+        if action.kind in places and action.at not in mechanism.springs:
             places[action.kind].append(action.at)
     if not places.pop("viscous"):
         return ()
