@@ -36,7 +36,7 @@ log = {"t": t, "q": q, "theta": theta, "tau": tau}
 log |= {
     name: log[name] + size * rng.normal(size=len(t)) for name, size in noise.items()
 }
-result = ec.identify(Path(__file__).with_name("elastic_joint.yaml"), log)
+result = ec.identify(Path(__file__).parent / "logs" / "elastic_joint.yaml", log)
 
 true = {"ZZ1": inertia, "MX1": moment, "ZZ_m1": rotor, "Fv1": viscous, "Fc1": dry}
 true |= {"Fs1": slow, "Ks1": stiffness, "Ds1": damping}

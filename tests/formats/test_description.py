@@ -32,7 +32,6 @@ EXAMPLES = {
     "cart_pole": 4,
     "coupled_arm": 63,
     "double_pendulum": 6,
-    "elastic_joint": 10,
     "floating_tree": 39,
     "furuta": 8,
     "gripper_coupled": 15,
