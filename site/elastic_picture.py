@@ -22,9 +22,7 @@ def box(left: int, top: int, width: int, height: int, text: str) -> list[str]:
 
 def words(place: int, height: int, text: str, colour: str = "#222") -> str:
     """A text about a place."""
-    return (
-        f'<text x="{place}" y="{height}" text-anchor="middle" fill="{colour}">{text}</text>'
-    )
+    return f'<text x="{place}" y="{height}" text-anchor="middle" fill="{colour}">{text}</text>'
 
 
 def spring() -> str:
@@ -55,7 +53,9 @@ def shaft(begin: int, end: int) -> str:
 
 def plate(place: int) -> str:
     """An end of spring and damper."""
-    return f'<path d="M{place} {AXIS - 40}V{AXIS + 40}" stroke="#555" stroke-width="4"/>'
+    return (
+        f'<path d="M{place} {AXIS - 40}V{AXIS + 40}" stroke="#555" stroke-width="4"/>'
+    )
 
 
 def picture() -> str:

@@ -39,7 +39,9 @@ def test_examples_name_every_position_and_output(file: Path) -> None:
     setup = load_setup(file)
     drives = [actuator.name for actuator in setup.mechanism.actuators]
     # a motor that turns by itself has a coordinate of its own
-    own = {a.name: a.terms[0][0] for a in setup.mechanism.actuators if len(a.terms) == 1}
+    own = {
+        a.name: a.terms[0][0] for a in setup.mechanism.actuators if len(a.terms) == 1
+    }
     for columns in setup.columns:
         named = {*columns.positions}
         if setup.mechanism.springs:

@@ -134,7 +134,8 @@ class ElasticChain:
             turn = turn @ _about(2, theta)
             turns.append(turn)
             part = {
-                n: values[f"{n}{k + 1}"] for n in ["XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M"]
+                n: values[f"{n}{k + 1}"]
+                for n in ["XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M"]
             }
             moment = turn @ ca.vertcat(part["MX"], part["MY"], part["MZ"])
             tensor = ca.vertcat(
