@@ -116,9 +116,8 @@ class Profile:
         if not found:
             return None
         profile = Profile(data, found, np.full(len(found), 0.5))
-        _ = (
-            data.batches
-        )  # which takes the samples into memory, if there is room for them
+        # the first pass takes the samples into memory, if there is room for them
+        _ = data.batches
         profile._search()
         return profile
 
@@ -253,7 +252,7 @@ class Profile:
         reaches = [self._reach(k, rises[k], self._beside(k)) for k in range(count)]
         steps = np.diag(np.diff(np.clip(reaches, 0.0, 1.0)).ravel() / 4)
         sizes = steps.sum(axis=0)
-        middle = np.clip(self.best, sizes, 1 - sizes)
+        middle = np.clip(self.best, 2 * sizes, 1 - 2 * sizes)
         found = np.zeros((count, count))
         for j in range(count):
             for k in range(j + 1):

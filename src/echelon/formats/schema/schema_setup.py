@@ -176,7 +176,7 @@ class ActionEntry(Model):
 
 
 class BristlesEntry(Model):
-    """What the state of LuGre friction is computed by, the input of its terms."""
+    """Constants of the state of LuGre friction, which is the input of its terms."""
 
     stiffness: Expression = required("By the force of Coulomb friction, 1/rad.", "2000")
     velocity: Expression = required("Stribeck velocity, rad/s.", "0.05")
