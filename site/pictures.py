@@ -104,8 +104,9 @@ def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
 
 
 def write(folder: Path) -> None:
-    """The two pictures of README, that of the rooms, and what a second experiment wins."""
+    """The pictures of README and of the documentation."""
     import echelon
+    import elastic_picture
     import experiments_picture
     import hero_picture
     from rooms_picture import picture
@@ -121,6 +122,8 @@ def write(folder: Path) -> None:
     wall = echelon.Experiment(base.mechanism, "wall", gravity=(9.81, 0, 0))
     won = experiments_picture.picture([table, wall])
     (folder / "experiments.svg").write_text(won, encoding="utf-8")
+    drive = elastic_picture.picture()
+    (folder / "elastic-drive.svg").write_text(drive, encoding="utf-8")
 
 
 if __name__ == "__main__":

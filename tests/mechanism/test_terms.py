@@ -61,6 +61,8 @@ def test_terms_are_read_by_their_shape(term: str) -> None:
 def test_rows_of_the_table_are_found_again() -> None:
     """Laws of one shape count as the first: a preload is an offset, a cable's stiffness that of a spring."""
     same = {("spring", "1"): "offset", ("cable", "q"): "spring"}
+    same |= {("elastic", "1"): "offset", ("elastic", "q"): "spring"}
+    same |= {("elastic", "qd"): "viscous"}
     for kind, entries in KINDS.items():
         constants = dict.fromkeys(CONSTANTS.get(kind, {}), "0.3")
         for made, entry in zip(

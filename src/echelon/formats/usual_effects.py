@@ -77,7 +77,7 @@ def _with(mechanism: Mechanism, effects: tuple[Effect, ...]) -> Mechanism:
 def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
     """Drives whose force is measured, and joints whose torque is; a floating base has neither."""
     free, seen = floating_velocities(mechanism), set[str]()
-    forces = [force for output in mechanism.outputs for force, _ in output.forces]
+    forces = [force for output in mechanism.sensed for force, _ in output.forces]
     for force in sorted(forces, key=lambda force: force.side is Side.JOINT):
         if force.at not in free | seen:
             yield force.at, force.side

@@ -89,7 +89,7 @@ def base_fit(
         observation = observation.moved(estimate.values - biased.values)
     noise, reduced = usable_noise(observation, estimate), None
     if settings.essential != "none" and conditions.is_complete:
-        alike, criterion = _correlation(estimate), settings.essential
+        alike, criterion = correlation(estimate), settings.essential
         reduced = essential(
             observation, base.units, noise, criterion=criterion, correlation=alike
         )
@@ -122,7 +122,7 @@ def _estimate(
     )
 
 
-def _correlation(estimate: Estimate) -> float:
+def correlation(estimate: Estimate) -> float:
     """Rows that say as much as one: residuals that resemble their neighbours say less than their number."""
     inflation = [
         value
@@ -201,7 +201,7 @@ def _feasibility(base: BaseModel, fit: BaseFit) -> Feasibility:
     That of batches of time has no more rank than there are batches.
     """
     covariance = (
-        _correlation(fit.estimate)
+        correlation(fit.estimate)
         * solved(fit.observation, base.units, fit.weights).inverse
     )
     return feasibility(base, fit.estimate.values, covariance)

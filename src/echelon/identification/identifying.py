@@ -12,10 +12,15 @@ import numpy as np
 from echelon.base import Identifiability, base_parameters
 from echelon.formats import slides, with_rotors
 from echelon.identification.chosen_values import chosen_values
+from echelon.identification.constants import Constant, Profile, started
 from echelon.identification.current_fit import gain_names
 from echelon.identification.estimators.estimate import CLEAR
 from echelon.identification.fit_findings import contradictions, fit_findings, limited
-from echelon.identification.fitting import base_fit, physics, without_friction
+from echelon.identification.fitting import (
+    base_fit,
+    physics,
+    without_friction,
+)
 from echelon.identification.judge.findings import contradiction, finding
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judged
@@ -193,6 +198,7 @@ def _lifted(result: Identification) -> set[str]:
         a.at: name
         for name, a in actions
         if a.kind == "offset" and clear.get(name) and slides(mechanism, a.at)
+        if a.at not in mechanism.springs
     }
     offsets = {at: name for at, name in offsets.items() if at not in rotors}
     if not offsets:
@@ -217,7 +223,7 @@ def _fitted(
     settings = setup.settings
     with one_thread():
         step("deriving the base parameters")
-        base = base_parameters(setup.mechanism, seed=setup.seed)
+        base = base_parameters(started(setup.mechanism), seed=setup.seed)
         fitted_logs, unseen_logs = _split_logs(given, others, settings.holdout)
         surveyed = survey(setup, base, fitted_logs, unseen_logs)
         plan = LogPlan(
@@ -226,14 +232,23 @@ def _fitted(
             surveyed.preparation,
             0.0 if unseen_logs else settings.holdout,
         )
+        step(f"taking in {counted(len(fitted_logs), 'log')}")
+        data = PassesOverData(plan, fitted_logs, client, memory)
+        laws = Profile.of(data, setup.mechanism)
+        if laws is not None:
+            step("looking for constants of laws")
+            base = base_parameters(laws.fitted(setup.mechanism), seed=setup.seed)
+            plan = replace(plan, base=base)
+            data = PassesOverData(plan, fitted_logs, client, memory)
+
         prior = known_before(base, setup.prior)
         prior_base = None if prior is None else prior.base_values(base)
 
-        step(f"taking in {counted(len(fitted_logs), 'log')}")
-        data = PassesOverData(plan, fitted_logs, client, memory)
-
         step("estimating")
         fit = base_fit(setup, data, surveyed.noisy, prior_base)
+        constants: tuple[Constant, ...] = ()
+        if laws is not None:
+            constants, fit = laws.judged(fit, settings.level)
         estimate, conditions = fit.estimate, fit.conditions
 
         step("fitting a physical robot")
@@ -263,6 +278,7 @@ def _fitted(
         elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
+    findings += [some.finding(settings.level) for some in constants]
     findings += [
         *surveyed.findings,
         *(() if prior is None else prior.findings),
@@ -296,7 +312,7 @@ def _fitted(
         validations=validations,
         findings=limited(findings),
         predict_with=used,
-        settings=_record(setup, plan),
+        settings={**_record(setup, plan), "constants": list(map(asdict, constants))},
         verdict=f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
         reasons=(
             *judgement.reasons,

@@ -13,7 +13,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from echelon.identification.logs.preparation.prepare import states, usable
+from echelon.identification.logs.preparation.prepare import (
+    states,
+    usable,
+    with_bristles,
+)
 from echelon.identification.logs.read_log import LogPiece, read_log
 from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.rows.plan import LogPlan
@@ -132,4 +136,5 @@ def _stretches(
         samples = Samples(
             piece.source, piece.start, piece.rate, q, qd, qdd, None, piece.inputs
         )
+        samples = with_bristles(samples, mechanism)
         yield piece.start, piece.rate, model.predict(samples, values)

@@ -56,6 +56,19 @@ class Action:
 
 
 @dataclass(frozen=True)
+class Bristles:
+    """State of LuGre friction, which its terms use as input: the bristles' force by that of Coulomb friction.
+
+    x = σ0 z/Fc obeys ẋ = stiffness (q̇ − |q̇| x/γ(q̇)) with γ = 1 + (ratio − 1) exp(−(q̇/velocity)²) (Canudas de Wit et
+    al., IEEE Trans. Automatic Control 40, 1995).  All are expressions of numbers and symbols.
+    """
+
+    stiffness: str  # σ0/Fc, 1/rad or 1/m
+    velocity: str  # of Stribeck, rad/s or m/s
+    ratio: str  # of static to Coulomb friction
+
+
+@dataclass(frozen=True)
 class Effect:
     """One parameter of an effect, and what a unit of it does."""
 
@@ -63,13 +76,16 @@ class Effect:
     unit: str  # SI unit
     actions: tuple[Action, ...]
     value: float | None = None  # value stated by the file
+    bristles: Bristles | None = (
+        None  # what its input is computed by, if it is not measured
+    )
 
     @property
     def symbols(self) -> frozenset[str]:
         """Names that its terms use, geometry symbols among them."""
-        return frozenset(
-            name for action in self.actions for name in read_term(action.term).symbols
-        )
+        terms = [action.term for action in self.actions]
+        terms += [] if self.bristles is None else vars(self.bristles).values()
+        return frozenset(name for term in terms for name in read_term(term).symbols)
 
     def with_terms(self, change: Callable[[str], str]) -> Effect:
         """The effect with other functions of the state."""
@@ -105,6 +121,16 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
             "Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"
         ),
     ),
+    "lugre": (
+        EffectTerm("Fc", "N·m", "N", "i"),
+        EffectTerm(
+            "Fb",
+            "N·m·s/rad",
+            "N·s/m",
+            "qd - abs(qd)*i/(1 + (({ratio}) - 1)*exp(-(qd/({velocity}))**2))",
+            positive=True,
+        ),
+    ),
     "load_friction": (EffectTerm("Fl", "", "", "sign(qd)*abs(i)", positive=True),),
     "temperature_friction": (
         EffectTerm("FvT", "N·m·s/(rad·K)", "N·s/(m·K)", "i*qd"),
@@ -113,6 +139,11 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
     "rotor_inertia": (EffectTerm("Ia", "kg·m²", "kg", "qdd", positive=True),),
     "spring": (
         EffectTerm("Ks", "N·m/rad", "N/m", "q", positive=True),
+        EffectTerm("Ps", "N·m", "N", "1"),
+    ),
+    "elastic": (
+        EffectTerm("Ks", "N·m/rad", "N/m", "q", positive=True),
+        EffectTerm("Ds", "N·m·s/rad", "N·s/m", "qd", positive=True),
         EffectTerm("Ps", "N·m", "N", "1"),
     ),
     "counterbalance": (EffectTerm("Kb", "N·m", "N", "sin(q + ({phase}))"),),
@@ -133,13 +164,15 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
     "drive_gain": (EffectTerm("Kt", "N·m/A", "N/A", "-i"),),
     "servo": (EffectTerm("Kp", "N·m/rad", "N/m", "q - i"),),
 }
-"""Ready-made effects; a spring has a stiffness and a preload.  With positive parameters friction opposes the motion.
+"""Ready-made effects; a spring has a stiffness and a preload, an elastic one damping as well.  With positive parameters
+friction opposes the motion.
 
 The input of a servo is the position that it is commanded to, and Kp its gain.
 """
 
 CONSTANTS: dict[str, dict[str, str | None]] = {
     "stribeck": {"velocity": None, "exponent": "2"},
+    "lugre": {"stiffness": None, "velocity": None, "ratio": "1"},
     "counterbalance": {"phase": None},
     "stop": {"lower": None, "upper": None},
     "ripple": {"harmonic": None},
@@ -158,11 +191,13 @@ def ready_made(
 ) -> tuple[Effect, ...]:
     """The parameters of a ready-made effect at one coordinate."""
     stated = constants or {}
+    bristles = Bristles(**stated) if kind == "lugre" else None
     return tuple(
         Effect(
             f"{entry.symbol.format(**stated)}{label}",
             entry.force_unit if sliding else entry.torque_unit,
             (Action(at, side, entry.term.format(**stated)),),
+            bristles=bristles,
         )
         for entry in KINDS[kind]
     )

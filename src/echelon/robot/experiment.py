@@ -427,7 +427,13 @@ class _Branch:
                     (replace(cut, body=cut.body + self.shift), weight)
                     for cut, weight in output.cuts
                 ]
-                yield replace(output, name=name, forces=tuple(forces), cuts=tuple(cuts))
+                yield replace(
+                    output,
+                    name=name,
+                    forces=tuple(forces),
+                    cuts=tuple(cuts),
+                    reads=self._name(output.reads) if output.reads else "",
+                )
 
     def closures(self) -> Iterator[Closure]:
         """Closures that have a name."""

@@ -292,6 +292,8 @@ class Symbol:
     stands_for: Polynomial | None = None
     # tan² of an angle below a right one that has no exact value, such as 4 in the direction (1, 2, 0)
     tangent_squared: Fraction | None = None
+    # range in which logs have to tell the value, which belongs to laws of effects only
+    fit: tuple[float, float] | None = None
 
     @property
     def number(self) -> Number | None:

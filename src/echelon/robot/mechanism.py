@@ -94,10 +94,13 @@ class Output:
     unit: str
     forces: tuple[tuple[Force, Polynomial], ...] = ()
     cuts: tuple[tuple[Cut, Polynomial], ...] = ()
+    reads: str = ""  # the output whose measured values are its own as well, by the force of a spring that is zero
 
     @property
     def sensor(self) -> str:
         """Name of the sensor that it belongs to: one component of a wrench is named after its sensor."""
+        if self.reads:
+            return self.reads
         alone = not self.forces and len(self.cuts) == 1
         return (self.name.rpartition(".")[0] if alone else "") or self.name
 
@@ -249,6 +252,7 @@ class Mechanism:
         _check_outputs(self)
         _check_experiments(self)
         _check_names(self)
+        _check_fitted(self)
 
     def as_read(self, reading: Reading) -> Mechanism:
         """A copy that remembers its reading; copies by :func:`dataclasses.replace` do not."""
@@ -413,6 +417,18 @@ class Mechanism:
             )
             for a in self.transmission.actuators
         )
+
+    @property
+    def sensed(self) -> tuple[Output, ...]:
+        """The outputs with measured values of their own."""
+        return tuple(output for output in self.outputs if not output.reads)
+
+    @property
+    def springs(self) -> frozenset[str]:
+        """Drives without motors: the springs of elastic drives."""
+        sensed = {force.at for output in self.sensed for force, _ in output.forces}
+        every = {force.at for output in self.outputs for force, _ in output.forces}
+        return frozenset(every - sensed)
 
     @cached_property
     def cuts(self) -> tuple[Cut, ...]:
@@ -725,6 +741,20 @@ def _check_experiments(mechanism: Mechanism) -> None:
         raise InputError(
             f"experiment '{strange[0]}' has no base", element="experiments"
         )
+
+
+def _check_fitted(mechanism: Mechanism) -> None:
+    """Refuse symbols that logs have to tell, where more than effects depends on them."""
+    placed = [e for frame in setup_placements(mechanism) for e in frame.entries()]
+    others = (*placed, *setup_ratios(mechanism), *(mechanism.gravity or ()))
+    used = {name for value in others for name in value.symbols()}
+    used.update(name for body in mechanism.bodies for name in body.joint.symbols())
+    for name, symbol in mechanism.symbols.items():
+        if symbol.fit is not None and name in used:
+            raise InputError(
+                "only constants of effects are fitted, and the geometry depends on it",
+                element=f"symbol '{name}'",
+            )
 
 
 def _check_names(mechanism: Mechanism) -> None:

@@ -146,7 +146,7 @@ class Robot:
         need(not any(self.rest(x) for row in misses for x in row), "a matrix that is not a rotation")
         return [[*row, self.read(t)] for row, t in zip(R, data.get("xyz", "000"), strict=True)] + [ONE[3]]
     def output(self, data):  # the name of an output, and weights of the displacements along which it measures
-        terms = only(data, "name unit sum")["sum"] if "sum" in data else [data]
+        terms = only(data, "name unit sum reads")["sum"] if "sum" in data else [data]
         return ".".join([data["name"], *data.get("components", [])]), unique([(self.at(t), self.read(t.get("weight", "1"))) for t in terms])
     def at(self, term):  # of a displacement: along a joint, along a drive, or of a sensor between bodies
         (side,) = {*only(term, "name joint actuator wrench frame fixed_to components component weight")} & {"joint", "actuator", "wrench"}
@@ -205,7 +205,7 @@ class Robot:
                 done = [sum(x * works[place][k] for place, x in J.items()) % self.p for k in range(6)]
                 for i in moved.keys() - {*STATE}: rows[i][kind + body["label"]] += sum(map(mul, moved[i], done))
         for effect in self.model.get("effects", []):
-            for act in only(effect, "parameter unit acts value")["acts"]:
+            for act in only(effect, "parameter unit acts value bristles")["acts"]:
                 force, far = 2 * self.force(**act), self.moves[act["at"] if act["side"] == "joint" else ("actuator", act["at"])]
                 for i in far.keys() - {*STATE}: rows[i][effect["parameter"]] += far[i] * force
         return [self.combination([(1, row)]) for row in rows]

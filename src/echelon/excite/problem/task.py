@@ -340,6 +340,12 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
             raise InputError(
                 "nothing moves: every coordinate is held", element="excitation"
             )
+        if mechanism.springs:
+            raise InputError(
+                "motors of elastic drives move as loads bend their springs: plan the motion of the same robot with stiff "
+                "drives, without 'elastic'",
+                element="rotors",
+            )
         base = base_parameters(mechanism, seed=setup.seed)
         if not base.rank:
             raise InputError(

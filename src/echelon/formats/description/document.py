@@ -448,18 +448,20 @@ def declared_symbols(
             raise document.error(path, f"'{name}' {problem}")
         stated = entry if entry is None or isinstance(entry, str) else entry.value
         value = None if stated is None else _constant(expressions, stated, path)
-        meaning, arc = "", None
+        meaning, arc, fit = "", None, None
         if entry is not None and not isinstance(entry, str):
-            meaning = entry.meaning
+            meaning, fit = entry.meaning, entry.fit
             if entry.approximate is not None:
                 value = expressions.real(entry.approximate, f"{path}.approximate")
             if entry.tangent_squared is not None:
                 arc = _tangent_squared(
                     expressions, entry.tangent_squared, value, f"{path}.tangent_squared"
                 )
-            if value is None and not meaning:
+            if value is None and not meaning and fit is None:
                 bare.add(name)
-        symbols[name] = Symbol(name, value, stated, meaning, tangent_squared=arc)
+        symbols[name] = Symbol(
+            name, value, stated, meaning, tangent_squared=arc, fit=fit
+        )
     return symbols, frozenset(bare)
 
 

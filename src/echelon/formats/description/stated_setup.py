@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 
 import numpy as np
@@ -24,6 +25,7 @@ from echelon.formats.literal import StatedJoint
 from echelon.formats.met_frames import at_zero, second_frame
 from echelon.formats.rounding import COARSEST, rounding_of_mechanism
 from echelon.formats.schema.robot_schema import RobotDescription
+from echelon.formats.schema.schema_outputs import ActuatorOutput
 from echelon.formats.schema.schema_setup import (
     LinearTerms,
     OwnEffect,
@@ -38,6 +40,7 @@ from echelon.robot import (
     Action,
     Actuator,
     Body,
+    Bristles,
     Closure,
     ClosureKind,
     Contact,
@@ -50,6 +53,7 @@ from echelon.robot import (
     Mechanism,
     Motion,
     MotionKind,
+    Output,
     Placement,
     Side,
     linear,
@@ -78,6 +82,50 @@ _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))
 _ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
 
 
+@dataclass(frozen=True)
+class _Spring:
+    """The spring of an elastic drive."""
+
+    motor: str
+    joint: str
+    share: Polynomial  # motion of the joint by that of the motor
+
+    @property
+    def name(self) -> str:
+        """The drive whose position is the deflection."""
+        return f"{self.motor}.spring"
+
+    @property
+    def spin(self) -> str:
+        """Coordinate of the rotor."""
+        return f"{self.motor}.spin"
+
+    @property
+    def drives(self) -> tuple[Actuator, Actuator]:
+        """The motor, and the spring, whose force is zero: that of the bodies behind it and its own."""
+        one = Polynomial.constant(1)
+        ends = ((self.joint, one), (self.spin, -self.share))
+        return Actuator(self.motor, ((self.spin, one),)), Actuator(self.name, ends)
+
+    def output(self, measured: Sequence[Output]) -> Output:
+        """A measured output by the force of the spring in the place of that of the bodies behind it.
+
+        It is a torque in the joint, or else of the motor; or any, as all that is added to it is zero.
+        """
+        shares = {
+            Force(self.joint, Side.JOINT): Polynomial.constant(-1),
+            Force(self.motor, Side.ACTUATOR): -self.share,
+        }
+        found, weight = measured[0], Polynomial.constant(1)
+        for place, share in reversed(shares.items()):
+            for output in measured:
+                if place in dict(output.forces):
+                    found, weight = output, dict(output.forces)[place] * share
+        own = (Force(self.name, Side.ACTUATOR), weight)
+        forces = (*found.forces, own)
+        return Output(self.name, found.unit, forces, found.cuts, found.name)
+
+
 class Additions:
     """Set-up that a description adds to a mechanism: loops, drives, rotors, effects and outputs."""
 
@@ -94,6 +142,7 @@ class Additions:
             expressions,
             find,
         )
+        self.springs: list[_Spring] = []
 
     def added(self) -> Mechanism:
         """The mechanism with all of them."""
@@ -106,14 +155,17 @@ class Additions:
         for index, rotor in enumerate(self.robot.rotors):
             self._add_rotor(rotor, f"rotors[{index}]")
         self.mechanism = replace(self.mechanism, effects=tuple(self._effects()))
-        if self.robot.outputs is not None:
-            entries = enumerate(self.robot.outputs)
-            measured = tuple(
+        stated = self.robot.outputs
+        if stated is None and self.springs:
+            stated = (ActuatorOutput(actuator=EVERY),)
+        if stated is not None:
+            measured = [
                 output
-                for k, entry in entries
+                for k, entry in enumerate(stated)
                 for output in entry.outputs(self, f"outputs[{k}]")
-            )
-            self.mechanism = replace(self.mechanism, measured=measured)
+            ]
+            measured += [spring.output(measured) for spring in self.springs if measured]
+            self.mechanism = replace(self.mechanism, measured=tuple(measured))
         return replace(
             self.mechanism, symbols={**self.mechanism.symbols, **self.expressions.named}
         )
@@ -171,6 +223,9 @@ class Additions:
         # of a rotor that is symmetric about its axis all but the spin inertia counts to its carrier
         body = Body(rotor.name, label, parent, joint, (_SPIN[kind],))
         drives = self._linear(rotor.drives, f"{path}.drives")
+        if rotor.elastic:
+            self._add_spring(body, drives, path)
+            return
         coupling = Coupling(
             spin, tuple((name, linear(ratio)) for name, ratio in drives)
         )
@@ -178,6 +233,26 @@ class Additions:
             self.mechanism,
             bodies=(*self.mechanism.bodies, body),
             couplings=(*self.mechanism.couplings, coupling),
+        )
+
+    def _add_spring(
+        self, rotor: Body, drives: tuple[tuple[str, Polynomial], ...], path: str
+    ) -> None:
+        """A rotor that turns by itself, and the spring to its joint as a drive whose position is the deflection."""
+        mechanism = self.mechanism
+        (joint, ratio), *others = drives
+        number = ratio.number
+        if others or not isinstance(number, int | Fraction) or not number:
+            problem = "an elastic drive moves one joint, by a ratio that is a number: drives: 100*j1"
+            raise self.expressions.error(f"{path}.drives", problem)
+        share = Polynomial.constant(Fraction(1, number))
+        spring = _Spring(rotor.name, joint, share)
+        self.springs.append(spring)
+        self.mechanism = replace(
+            mechanism,
+            bodies=(*mechanism.bodies, rotor),
+            actuators=(*mechanism.actuators, *spring.drives),
+            independent=mechanism.independent and (*mechanism.independent, spring.spin),
         )
 
     # -- effects ---------------------------------------------------------------------------------------------------
@@ -191,6 +266,12 @@ class Additions:
                 entry, str
             ):  # the usual ones join when it is known what is measured
                 yield from self._ready(entry, path)
+        for spring in self.springs:
+            label = effect_label(self.mechanism, spring.motor)
+            sliding = slides(self.mechanism, spring.name)
+            yield from ready_made(
+                "elastic", spring.name, Side.ACTUATOR, label, sliding=sliding
+            )
 
     def _own(self, entry: OwnEffect, path: str) -> Effect:
         actions = tuple(
@@ -206,14 +287,16 @@ class Additions:
             if entry.value is None
             else self.expressions.real(entry.value, f"{path}.value")
         )
-        return Effect(entry.parameter, entry.unit, actions, value)
+        state = entry.bristles
+        bristles = None if state is None else Bristles(**dict(state))
+        return Effect(entry.parameter, entry.unit, actions, value, bristles)
 
     def _ready(self, entry: ReadyEffect, path: str) -> list[Effect]:
         names = (entry.at,) if isinstance(entry.at, str) else entry.at
         if names == (EVERY,):
             free = floating_velocities(self.mechanism)
             every = self.mechanism.velocities if entry.side == "joint" else self._drives
-            names = tuple(name for name in every if name not in free)
+            names = tuple(name for name in self._stiff(every) if name not in free)
         found: list[tuple[Effect, ...]] = []
         for name in names:
             side = self._side(name, entry.side, f"{path}.at")
@@ -247,6 +330,11 @@ class Additions:
             actions=tuple(action for effect in effects for action in effect.actions),
         )
 
+    def _stiff(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Places without those of elastic drives at which nothing is measured, and no friction usual."""
+        hidden = {name for s in self.springs for name in (s.name, s.spin)}
+        return tuple(name for name in names if name not in hidden)
+
     def _side(self, at: str, stated: str | None, path: str) -> Side:
         drives = self._drives
         joints = tuple(
@@ -267,6 +355,7 @@ class Additions:
             if side is Side.JOINT
             else self._drives
         )
+        valid = self._stiff(valid)
         kind = "actuator" if side is Side.ACTUATOR else "joint coordinate"
         if side is Side.JOINT and self.mechanism.closures:
             kind = f"independent {kind}"

@@ -7,9 +7,9 @@ checked by :mod:`echelon.formats.robot_file`.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, ConfigDict, Tag
+from pydantic import BeforeValidator, ConfigDict, Tag, model_validator
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_experiments import ContactEntry, Experiments
@@ -38,6 +38,7 @@ from echelon.formats.schema.schema_types import (
     Model,
     Name,
     Number,
+    Real,
     Ten,
     Triple,
     Version,
@@ -45,6 +46,7 @@ from echelon.formats.schema.schema_types import (
     by_key,
     exactly_one,
     optional,
+    refusal,
     required,
 )
 from echelon.shared import published_schema
@@ -76,6 +78,19 @@ class SymbolDetails(Model):
     meaning: str = optional(
         "", "What the symbol stands for.", "length of the upper arm"
     )
+    fit: Annotated[tuple[Real, Real], AS_LIST] | None = optional(
+        None,
+        "Range in which identify looks for the value, of a constant that only effects use.",
+        [0.01, 0.5],
+    )
+
+    @model_validator(mode="after")
+    def _check_range(self) -> Self:
+        if self.fit is not None and (self.value or self.approximate):
+            raise refusal("a symbol has a value or is fitted, not both")
+        if self.fit is not None and not self.fit[0] < self.fit[1]:
+            raise refusal("a range goes from a number to a larger one")
+        return self
 
 
 SymbolEntry = Annotated[

@@ -170,6 +170,9 @@ class SumOutput(Sensor):
     sum: Annotated[tuple[WeightedTerm, ...], AS_LIST] = required(
         "What is added up.", [{"joint": "j5"}, {"joint": "j6", "weight": "-1"}]
     )
+    reads: Name = optional(
+        "", "Another output, whose measured values are these as well.", "m1"
+    )
 
     @property
     def carried(self) -> tuple[str, ...]:
@@ -199,7 +202,7 @@ class SumOutput(Sensor):
             forces += [
                 (force, weight) for force, _ in places.forces(side, at, where).values()
             ]
-        return [Output(self.name, self.unit, tuple(forces), tuple(cuts))]
+        return [Output(self.name, self.unit, tuple(forces), tuple(cuts), self.reads)]
 
 
 SENSORS: dict[str, type[Sensor]] = {

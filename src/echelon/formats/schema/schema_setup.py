@@ -10,6 +10,7 @@ from echelon.formats.schema.schema_types import (
     AS_LIST,
     Direction,
     Expression,
+    Flag,
     Frame,
     Model,
     Name,
@@ -108,6 +109,14 @@ class ReadyEffect(Model):
     velocity: Expression | None = optional(
         None, "Stribeck velocity, rad/s or m/s.", "0.05"
     )
+    stiffness: Expression | None = optional(
+        None,
+        "Of LuGre bristles, by the force of Coulomb friction, 1/rad or 1/m.",
+        "2000",
+    )
+    ratio: Expression | None = optional(
+        None, "Of static to Coulomb friction in LuGre's law; default: 1.", "1.4"
+    )
     exponent: Expression | None = optional(
         None, "Exponent of a Stribeck term; default: 2.", "2"
     )
@@ -166,6 +175,14 @@ class ActionEntry(Model):
     )
 
 
+class BristlesEntry(Model):
+    """Constants of the state of LuGre friction, which is the input of its terms."""
+
+    stiffness: Expression = required("By the force of Coulomb friction, 1/rad.", "2000")
+    velocity: Expression = required("Stribeck velocity, rad/s.", "0.05")
+    ratio: Expression = optional("1", "Of static to Coulomb friction.", "1.4")
+
+
 class OwnEffect(Model):
     """A parameter with terms of the user's own."""
 
@@ -174,6 +191,11 @@ class OwnEffect(Model):
     value: Expression | None = optional(None, "Its value, if known.", "0.2")
     acts: Annotated[tuple[ActionEntry, ...], AS_LIST] = required(
         "Where it acts.", [{"at": "m5", "term": "qd[m6]"}]
+    )
+    bristles: BristlesEntry | None = optional(
+        None,
+        "Makes the input i the state of LuGre friction.",
+        {"stiffness": "2000", "velocity": "0.05"},
     )
 
 
@@ -272,3 +294,8 @@ class RotorEntry(Model):
         {"rpy": ["pi/2", 0, 0]},
     )
     label: Name | None = optional(None, "Ends the names of its parameters.", "m3")
+    elastic: Flag = optional(
+        False,
+        "Turns by itself: a spring with damping is between it and the one joint that it drives.",
+        True,
+    )

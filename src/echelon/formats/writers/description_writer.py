@@ -115,7 +115,14 @@ def _setup(mechanism: Mechanism) -> dict[str, Any]:
 def _effect(effect: Effect) -> dict[str, Any]:
     acts = [{"at": a.at, "side": a.side.value, "term": a.term} for a in effect.actions]
     value = None if effect.value is None else repr(float(effect.value))
-    return _stated(parameter=effect.parameter, unit=effect.unit, acts=acts, value=value)
+    bristles = None if effect.bristles is None else vars(effect.bristles)
+    return _stated(
+        parameter=effect.parameter,
+        unit=effect.unit,
+        acts=acts,
+        value=value,
+        bristles=bristles,
+    )
 
 
 def _contact(contact: Contact, mechanism: Mechanism) -> dict[str, Any]:
@@ -156,7 +163,8 @@ def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
                 "weight": expression_text(weight),
             }
         )
-    return {"name": output.name, "unit": output.unit, "sum": terms}
+    reads = output.reads or None
+    return _stated(name=output.name, unit=output.unit, sum=terms, reads=reads)
 
 
 def _wrench(cut: Cut, mechanism: Mechanism) -> dict[str, Any]:
@@ -265,6 +273,7 @@ def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
         approximate=approximate,
         tangent_squared=arc,
         meaning=symbol.meaning or None,
+        fit=symbol.fit and list(symbol.fit),
     )
     return entry.get("value") if set(entry) <= {"value"} else entry
 

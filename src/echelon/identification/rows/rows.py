@@ -11,7 +11,7 @@ fused factorisation, which never forms a row.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
@@ -104,6 +104,7 @@ class ModelRows:
     base: BaseModel
     # returns the samples, the same ones every time it is called
     source: Callable[[], Iterable[Samples]]
+    symbols: Mapping[str, float] | None = None  # in the place of those of the model
 
     @staticmethod
     def of(base: BaseModel, samples: Sequence[Samples]) -> ModelRows:
@@ -220,7 +221,7 @@ class ModelRows:
             values[low:high] for values in (samples.q, samples.qd, samples.qdd)
         )
         inputs = {name: values[low:high] for name, values in samples.inputs.items()}
-        return self.base.regressor_entries(q, qd, qdd, inputs=inputs, out=out)
+        return self.base.regressor_entries(q, qd, qdd, self.symbols, inputs, out=out)
 
     @cached_property
     def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:
@@ -240,7 +241,7 @@ class ModelRows:
             if name != "inputs"
         }
         inputs = {name: values[window] for name, values in samples.inputs.items()}
-        return self.base.accumulate({**state, "inputs": inputs})
+        return self.base.accumulate({**state, "inputs": inputs}, self.symbols)
 
     def _factors(self, samples: Samples) -> Iterator[Observation]:
         return (observed(self.layout, block) for block in self.blocks_of(samples, 0))

@@ -377,7 +377,9 @@ def _without(
     reading, mechanism = setup.mechanism.reading, lock_joints(setup.mechanism, locked)
     if silent:
         measured = tuple(
-            output for output in mechanism.outputs if output.name not in silent
+            output
+            for output in mechanism.outputs
+            if (output.reads or output.name) not in silent
         )
         effects = tuple(
             e

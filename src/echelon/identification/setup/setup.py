@@ -206,7 +206,9 @@ def with_file_effects(setup: Setup) -> Setup:
 
 def with_usual(setup: Setup) -> Setup:
     """The set-up with the usual effects, where its file is silent about effects."""
-    if setup.states_effects or setup.mechanism.effects:
+    springs = setup.mechanism.springs
+    own = [a for e in setup.mechanism.effects for a in e.actions if a.at not in springs]
+    if setup.states_effects or own:
         return setup
     drives = {} if setup.robot_file is None else setup.robot_file.tree().drives
     mechanism = with_usual_effects(setup.mechanism, drives)
@@ -222,7 +224,7 @@ def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
     """A note on effects that nobody stated."""
     places: dict[str, list[str]] = {"viscous": [], "rotor_inertia": [], "spring": []}
     for action in (effect.actions[0] for effect in mechanism.effects):
-        if action.kind in places:
+        if action.kind in places and action.at not in mechanism.springs:
             places[action.kind].append(action.at)
     if not places.pop("viscous"):
         return ()
@@ -278,7 +280,11 @@ class _LogSection:
 
     def __init__(self, mechanism: Mechanism, document: Document, path: str) -> None:
         self.mechanism, self.document, self.path = mechanism, document, path
-        self.drives = tuple(a.name for a in mechanism.transmission.actuators)
+        self.drives = tuple(
+            a.name
+            for a in mechanism.transmission.actuators
+            if a.name not in mechanism.springs
+        )
         self.known = {**known_values(mechanism), PI: math.pi}
 
     def read(self, log: LogEntry) -> ColumnMap:
@@ -286,7 +292,7 @@ class _LogSection:
             self.mechanism.independent_positions,
             self.mechanism.independent_velocities,
         )
-        outputs = tuple(output.name for output in self.mechanism.outputs)
+        outputs = tuple(output.name for output in self.mechanism.sensed)
         return ColumnMap(
             None
             if log.time is None

@@ -262,7 +262,7 @@ def _body(
     if mechanism.measured is not None and not file.is_description:
         parts.append(
             dump_flow(
-                {"outputs": [{"actuator": output.name} for output in mechanism.outputs]}
+                {"outputs": [{"actuator": output.name} for output in mechanism.sensed]}
             )
         )
     section = _log_section(found.columns, mechanism, log, proposed)

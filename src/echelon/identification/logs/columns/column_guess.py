@@ -173,7 +173,7 @@ class _Columns:
         drives = [actuator.name for actuator in self.mechanism.transmission.actuators]
         coordinates = (*self.mechanism.positions, *self.mechanism.velocities)
         return aliases(
-            [*coordinates, *(output.name for output in self.mechanism.outputs), *drives]
+            [*coordinates, *(output.name for output in self.mechanism.sensed), *drives]
         )
 
     @cached_property
@@ -205,7 +205,7 @@ class _Columns:
     def valid(self, kind: str) -> list[str]:
         """Coordinates or outputs that columns of a kind may be of."""
         if kind in _PARTLY:
-            return [output.name for output in self.mechanism.outputs]
+            return [output.name for output in self.mechanism.sensed]
         return list(
             independent_coordinates(
                 self.mechanism, "position" if kind == "joint" else kind
@@ -234,7 +234,7 @@ class _Columns:
             and (self.by_values or (headerless and not problems))
         ):
             partial = (
-                0 < len(groups["output"]) < len(self.mechanism.outputs)
+                0 < len(groups["output"]) < len(self.mechanism.sensed)
                 and "position" in absent
             )
             if (
@@ -278,10 +278,10 @@ class _Columns:
         columns = ColumnMap(time, None, *(groups[kind] for kind in kinds_of_map))
         unmeasured = [
             output.name
-            for output in self.mechanism.outputs
+            for output in self.mechanism.sensed
             if output.name not in groups["output"]
         ]
-        measured = len(self.mechanism.outputs) - len(unmeasured)
+        measured = len(self.mechanism.sensed) - len(unmeasured)
         is_partly = (
             0
             < len({channel.column for channel in groups["output"].values()})
@@ -561,7 +561,7 @@ class _Columns:
         ]  # the others hold words
         lengths = {len(columns[name]) for name in names}
         if (
-            len(self.mechanism.outputs) != count
+            len(self.mechanism.sensed) != count
             or len(lengths) != 1
             or min(lengths) < FEWEST
         ):
@@ -684,7 +684,7 @@ class _Columns:
         if len(forces) == 1 < len(valid):
             unit = "N·m" if _TORQUES.search(forces[0]) else "N"
             valid = [
-                output.name for output in self.mechanism.outputs if output.unit == unit
+                output.name for output in self.mechanism.sensed if output.unit == unit
             ]
         return (
             dict(zip(valid, forces, strict=True)) if len(valid) == len(forces) else {}

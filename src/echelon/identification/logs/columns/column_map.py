@@ -158,14 +158,19 @@ class Series:
 def series(
     recording: Recording, mechanism: Mechanism, *signals: str
 ) -> Iterator[Series]:
-    """Columns of some signals of a recording one by one; of all, and of the inputs, if none are named."""
+    """Columns of some signals of a recording one by one; of all, and of the inputs, if none are named.
+
+    What several outputs read is one column.
+    """
+    again = {output.name for output in mechanism.outputs if output.reads}
     for signal in signals or recording.signals:
         if signal in recording.signals:
             values = recording.signals[signal]
             for column, name in enumerate(
                 signal_names(mechanism, signal, values.shape[1])
             ):
-                yield Series(signal, name, values[:, column])
+                if signal != "y" or name not in again:
+                    yield Series(signal, name, values[:, column])
     if not signals:
         for name, values in recording.inputs.items():
             yield Series("input", name, values)

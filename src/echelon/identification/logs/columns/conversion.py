@@ -433,7 +433,7 @@ def measured_outputs(mechanism: Mechanism, given: Given) -> Floats:
     check_names(mechanism, "output", given)
     names = {output.name for output in mechanism.outputs}
     motors = {name: values for name, values in given.items() if name not in names}
-    missing = [output for output in mechanism.outputs if output.name not in given]
+    missing = [output for output in mechanism.sensed if output.name not in given]
     if not motors:
         if missing:
             text = f"columns are missing for {listed(o.name for o in missing)}"
@@ -441,7 +441,7 @@ def measured_outputs(mechanism: Mechanism, given: Given) -> Floats:
                 f"{text}; or state in the description that they are not measured",
                 element="output",
             )
-        return _columns([given[output.name] for output in mechanism.outputs])
+        return _columns([given[o.reads or o.name] for o in mechanism.outputs])
     found = {name: values for name, values in given.items() if name in names}
     used: set[str] = set()
     for output in missing:
@@ -450,7 +450,7 @@ def measured_outputs(mechanism: Mechanism, given: Given) -> Floats:
     if idle is not None:
         problem = f"no output needs it (outputs: {listed(names)}); leave it out"
         raise InputError(problem, element=f"output of '{idle}'")
-    return _columns([found[output.name] for output in mechanism.outputs])
+    return _columns([found[o.reads or o.name] for o in mechanism.outputs])
 
 
 def _columns(channels: Sequence[Floats]) -> Floats:

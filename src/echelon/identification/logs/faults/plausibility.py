@@ -215,9 +215,11 @@ class _Magnitudes:
         ]
 
     def _positions(self, kind: MotionKind) -> list[Series]:
-        """Positions of joints that turn or slide; not of those that slide freely in space, as far as they like."""
+        """Positions of joints that turn or slide; not of those that slide freely in space, and of rotors."""
         free: set[str] = set()
         for body in self.mechanism.bodies:
+            if body.joint.kind == "rotor":
+                free.update(motion.name for motion in body.joint.motions)
             if any(motion.kind is MotionKind.BALL for motion in body.joint.motions):
                 slides = [
                     motion

@@ -28,6 +28,7 @@ from echelon.identification.logs.columns.column_map import (
     signal_names,
 )
 from echelon.identification.logs.faults.repeated_values import pinned
+from echelon.identification.logs.preparation.bristles import bent
 from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.signals.clock import shift_reach, shifted
 from echelon.identification.signals.filters import (
@@ -46,7 +47,14 @@ from echelon.identification.signals.filters import (
 from echelon.identification.signals.filters import (
     ORDER as ORDER,
 )
-from echelon.robot import Mechanism, Output, Side, symbol_values
+from echelon.robot import (
+    Force,
+    Mechanism,
+    Output,
+    Side,
+    known_values,
+    symbol_values,
+)
 from echelon.shared import Flags, Floats, InputError, extra
 
 
@@ -226,11 +234,16 @@ def _by_kind(x: Floats, xd: Floats, xdd: Floats, mechanism: Mechanism) -> States
 def speed_rows(
     mechanism: Mechanism, output: Output, names: Sequence[str]
 ) -> Floats | None:
-    """Speeds of the joints or actuators of an output as combinations (speeds, velocities); None for a wrench."""
+    """Speeds of the joints or actuators of an output as combinations (speeds, velocities); None for a wrench.
+
+    Where friction is dry in some of them, of these.
+    """
     if output.cuts:
         return None
-    rows = np.zeros((len(output.forces), len(names)))
-    for row, (force, _) in zip(rows, output.forces, strict=True):
+    forces = [force for force, _ in output.forces]
+    forces = [f for f in forces if _is_dry_at(mechanism, f)] or forces
+    rows = np.zeros((len(forces), len(names)))
+    for row, force in zip(rows, forces, strict=True):
         if force.side is Side.JOINT:
             row[names.index(force.at)] = 1.0
         else:
@@ -245,25 +258,43 @@ def speed_rows(
 
 def has_dry_friction(mechanism: Mechanism, output: Output) -> bool:
     """Whether an output sees dry friction."""
+    return any(_is_dry_at(mechanism, force) for force, _ in output.forces)
+
+
+def _is_dry_at(mechanism: Mechanism, force: Force) -> bool:
+    """Whether a force is one of dry friction among others."""
     dry = {
         (a.at, a.side)
         for effect in mechanism.effects
         for a in effect.actions
         if a.read.is_dry
     }
-    for force, _ in output.forces:
-        if mechanism.dependent_velocities:  # which move with the output, too
-            return bool(dry)
-        moved = (
-            mechanism.transmission.inverse[force.at]
-            if force.side is Side.ACTUATOR
-            else ()
-        )
-        if (force.at, force.side) in dry or any(
-            (name, Side.JOINT) in dry for name in moved
-        ):
-            return True
-    return False
+    if mechanism.dependent_velocities:  # which move with the output, too
+        return bool(dry)
+    moved = (
+        mechanism.transmission.inverse[force.at] if force.side is Side.ACTUATOR else ()
+    )
+    beyond = {(name, Side.JOINT) for name in moved}
+    return bool(dry & {(force.at, force.side), *beyond})
+
+
+def with_bristles(
+    samples: Samples, mechanism: Mechanism, symbols: Mapping[str, float] | None = None
+) -> Samples:
+    """Samples with the states of LuGre friction among their inputs."""
+    found = dict(samples.inputs)
+    known = {**known_values(mechanism), **(symbols or {})}
+    for effect in mechanism.effects:
+        if effect.bristles is None:
+            continue
+        for action in effect.actions:
+            output = Force(action.at, action.side).output("", "")
+            names = velocity_names(mechanism, samples.q.shape[1])
+            rows = speed_rows(mechanism, output, names)
+            assert rows is not None
+            speed = samples.qd @ rows[0]
+            found[action.at] = bent(speed, samples.rate, effect.bristles, known)
+    return replace(samples, inputs=found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,19 +372,21 @@ class PreparationPlan:
         q, qd, qdd = states(piece, self.preparation, self.mechanism)
         qd, moving = self._moving(qd, q.shape[1])
         at_limits = self._at_limits(piece)
-        return Samples(
+        measured = "y" in piece.signals
+        found = Samples(
             piece.source,
             piece.start + rows.start / piece.rate,
             piece.rate,
             q[rows],
             qd[rows],
             qdd[rows],
-            y=self._on_time(piece.signals["y"])[rows] if "y" in piece.signals else None,
+            y=self._on_time(piece.signals["y"])[rows] if measured else None,
             inputs={name: values[rows] for name, values in piece.inputs.items()},
             reduction=self.reduction,
             moving=None if moving is None else moving[rows],
             pinned=None if at_limits is None else at_limits[rows],
         )
+        return with_bristles(found, self.mechanism)
 
     def _at_limits(self, piece: Segment) -> Flags | None:
         """Samples (N, outputs) whose sensor is at a limit while the robot moves; None if there are none."""
