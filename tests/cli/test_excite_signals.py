@@ -27,7 +27,7 @@ LONG = (
 
 
 def searching(folder: Path) -> subprocess.Popen[str]:
-    """A command that has begun to search."""
+    """A command in the middle of its search."""
     command = [sys.executable, "-m", "echelon", *LONG]
     process = subprocess.Popen(
         command,

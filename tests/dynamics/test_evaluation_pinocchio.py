@@ -1,4 +1,4 @@
-"""What base models compute from base parameters against Pinocchio's dynamics with the inertias of the files."""
+"""Dynamics from base parameters against Pinocchio's dynamics from the inertias in the files."""
 
 from __future__ import annotations
 

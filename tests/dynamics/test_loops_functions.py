@@ -94,7 +94,7 @@ class Functions:
 
 
 def regular_states(functions: Functions, count: int) -> tuple[FloatArray, ...]:
-    """Those of some closed states that are farthest from singular ones."""
+    """Random closed states; of twenty, those farthest from singular ones."""
     states = closed_states(functions.mechanism, 20)
     pivots = functions("closure_pivots", q=states[0]).min(axis=1)
     best = np.argsort(pivots)[-count:]

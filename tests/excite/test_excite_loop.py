@@ -281,7 +281,7 @@ def test_logs_of_repetitions(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_page_shows_what_the_example_prints() -> None:
-    """The same words, and numbers that differ no more than those of two platforms.
+    """The words agree, and numbers differ no more than between two platforms.
 
     Where numbers are rounded otherwise, the search may end at another optimum, about as good, where other
     limits bind.

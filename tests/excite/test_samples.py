@@ -272,7 +272,7 @@ awkward = st.text(
 @settings(max_examples=60, deadline=None)
 @given(names=st.lists(awkward, min_size=2, max_size=2, unique=True))
 def test_names_of_joints_survive_yaml(names: list[str]) -> None:
-    """Those that YAML would take for numbers, truth values or syntax, too."""
+    """Names that YAML would take for numbers, truth values or syntax are quoted."""
     text = yaml_text(
         sampled(
             Trajectory(tuple(names), UNITS, smooth().basis, smooth().coefficients), 4

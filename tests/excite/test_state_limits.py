@@ -86,7 +86,7 @@ def test_torques_with_friction() -> None:
 
 
 def test_torques_of_motors() -> None:
-    """What a motor gives times its ratios is what its joints need: Tᵀ τ_m = τ, without friction."""
+    """Motor torques τ_m balance the joint torques τ through the gear ratios T: Tᵀ τ_m = τ, without friction."""
     mechanism = ec.load(EXAMPLES / "tx40.yaml")
     _, standard = tx40_standard()
     standard[60:] = 0
@@ -497,7 +497,7 @@ def careful() -> ec.ExcitingTrajectory:
 
 @pytest.mark.slow
 def test_torques_of_robots_that_the_data_allow_stay_below_limits() -> None:
-    """Of robots drawn from the confidence region; by the estimate alone a half of them would break a limit."""
+    """Robots are drawn from the confidence region; a motion planned for the estimate alone breaks limits of half of them."""
     found = careful()
     labels = {margin.label for margin in found.margins if margin.active}
     assert any(label.endswith("deviations") for label in labels)

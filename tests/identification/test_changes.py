@@ -55,7 +55,7 @@ def write_run(path: Path, seed: int, begin: float, loaded: slice) -> float:
 
 
 def changes(logs: list[Path]) -> list[str]:
-    """What is said of changes in logs that are all fitted."""
+    """Findings about changes between logs that are all fitted."""
     setup = ec.load_setup(ARM).with_settings(physical=False)
     return [
         finding.text

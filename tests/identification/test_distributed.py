@@ -29,7 +29,7 @@ LOGS = 8
 
 
 def same(a: Identification, b: Identification) -> None:
-    """The same model, to the last bit."""
+    """Two identifications agree to the last bit."""
     assert identification_to_json(a) == identification_to_json(b)
 
 
@@ -104,7 +104,7 @@ def test_other_estimators_say_the_same(
 
 @pytest.mark.slow
 def test_forty_logs_and_more_are_merged_in_a_tree(client: Client, folder: Path) -> None:
-    """From so many logs on R-factors are merged where they were made; the result is that of one process."""
+    """With forty logs or more, workers merge R-factors in a tree; the result is that of one process."""
     logs = [folder] * 6
     same(
         identify(pendulum(), logs, [folder / "run0.parquet"], client=client),
@@ -121,7 +121,7 @@ def _slowly(pause: float, item: int) -> tuple[int, int]:
 def test_a_worker_dies_midway(
     mortal: Client, folder: Path, alone: Identification
 ) -> None:
-    """What it had made is made again by others."""
+    """Other workers compute its results again."""
     pids = set(mortal.run(os.getpid).values())
     assert len(pids) == 2
     killed: list[int] = []

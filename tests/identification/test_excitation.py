@@ -1,4 +1,4 @@
-"""What data show: conditioning, variance inflation, and open combinations, against closed forms."""
+"""Excitation by data: conditioning, variance inflation and open combinations, against closed forms."""
 
 from __future__ import annotations
 

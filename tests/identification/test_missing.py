@@ -30,7 +30,7 @@ def missing(
     harmonics: int = 8,
     digits: int = 18,
 ) -> list[Finding]:
-    """What is said of a log of an arm whose second joint has an effect that the set-up does not list."""
+    """Findings about the log of an arm whose second joint has an effect that the set-up does not list."""
     columns = {
         "time": "t",
         "position": "q{n}",

@@ -24,7 +24,7 @@ from support.physical_robots import is_physical, model, observed, robot
 def cvxpy_fit(
     role: Roles, design: Any, target: Any, bodies: Any, weight: float
 ) -> tuple[float, Any]:
-    """The same problem written down in a modelling language."""
+    """Loss and parameters of the fit, stated in the modelling language of cvxpy."""
     import cvxpy as cp
 
     zeta = cp.Variable(role.size)

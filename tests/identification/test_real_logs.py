@@ -33,7 +33,7 @@ def values(result: Identification) -> dict[str, float]:
 
 
 def judged(plan: LogPlan, file: str, values: np.ndarray) -> Validation:
-    """What is held out of a log, or all of it, predicted by base parameters."""
+    """Predictions by base parameters of the part of a log that is held out, or of all of it."""
     path = measured(file)
     part = "last" if plan.holdout else "all"
     samples = (piece for some in plan.samples(path) for piece in plan.parts(some, part))

@@ -315,7 +315,7 @@ def test_intervals_cover_with_a_little_noise_in_the_positions(name: str) -> None
 
 
 def test_much_noise_in_the_positions_biases() -> None:
-    """What the derivatives of noisy positions do to the columns is no noise of the outputs; of a third it is little."""
+    """Derivatives of noisy positions disturb the columns, which biases; a third of the noise biases little."""
     assert from_positions("wrist sensor", 3e-2, 20).mean() < 0.7
     assert from_positions("wrist sensor", 1e-2, 20).mean() > 0.85
 

@@ -1,4 +1,4 @@
-"""What is said when a simulated robot's log is poor, or not what the set-up says it is."""
+"""Findings when a simulated robot's log is poor, or differs from its set-up."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GOOD = "The model predicts every output well on data that the fit did not see"
 
 
 def found(motion: Motion, folder: Path, system: System = ARM) -> Identification:
-    """What identification of the arm makes of a noisy log of a motion."""
+    """Identification of the arm from a noisy log of a motion."""
     setup = ARM.load(folder)
     return identify(setup, [system.log(motion, folder / "run", setup.mechanism)])
 
@@ -57,7 +57,7 @@ def test_faults_of_a_log_that_only_validates_are_named(tmp_path: Path) -> None:
 def test_a_validation_at_rest_says_that_it_cannot_judge(
     flicker: float, tmp_path: Path
 ) -> None:
-    """What holds a robot at rest, dry friction, a brake or a hand, is in no model."""
+    """No model has the forces that hold a robot at rest: dry friction, a brake or a hand."""
     setup, motion = ARM.load(tmp_path), motion_of(ARM)
     held = (
         np.round(np.random.default_rng(3).uniform(0.45, 0.5001, motion.q.shape))

@@ -1,4 +1,4 @@
-"""What is wrong with logs of real arms, or lacking in their models, is named; `benchmarks/traps.py` has all cases."""
+"""Faults of logs of real arms, and effects that their models lack, are named; `benchmarks/traps.py` has all cases."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def direct(e: np.ndarray, present: np.ndarray, lag: int) -> float:
 def correlations(
     times: np.ndarray, residuals: np.ndarray, lags: int = 4096
 ) -> Correlations:
-    """Of one stretch of rows."""
+    """Correlations of the residuals of one stretch of rows."""
     sums = CorrelationSums(lags)
     sums.add(times, residuals)
     return sums.result()

@@ -1,4 +1,4 @@
-"""What columns are by usual names of every recorder, and what is asked about: torques, silent encoders, degrees."""
+"""Columns are told by the usual names of recorders; torques, silent encoders and degrees are asked about."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def columns(content: Mapping[str, Floats]) -> dict[str, Floats]:
 
 
 def said(found: Skeleton, kind: str) -> str:
-    """What a set-up says of a kind of quantity."""
+    """Entry of a set-up for a kind of quantity."""
     return str(yaml.safe_load(found.text)["log"].get(kind, ""))
 
 
