@@ -497,7 +497,7 @@ def careful() -> ec.ExcitingTrajectory:
 
 @pytest.mark.slow
 def test_torques_of_robots_that_the_data_allow_stay_below_limits() -> None:
-    """Robots are drawn from the confidence region; a motion planned for the estimate alone breaks limits of half of them."""
+    """Robots are drawn from the confidence region; a motion for the estimate alone breaks limits of half of them."""
     found = careful()
     labels = {margin.label for margin in found.margins if margin.active}
     assert any(label.endswith("deviations") for label in labels)
