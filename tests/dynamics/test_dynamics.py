@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -30,6 +30,7 @@ from support.float_functions import evaluate
 from support.float_regressor import FloatArray, random_states
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
+from support.selection import examples
 
 NAMES = (
     "inverse_dynamics",
@@ -122,7 +123,7 @@ def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:
     return q
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(mechanisms(most=3), st.integers(0, 2**32))
 def test_derivatives_by_an_imaginary_step(mechanism: Mechanism, seed: int) -> None:
     columns = range(len(mechanism.parameters))

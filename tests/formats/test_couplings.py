@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial as Powers
 from scipy.interpolate import CubicSpline
@@ -26,6 +26,7 @@ from support.descriptions import read_description
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.pinocchio_loops import Constrained
+from support.selection import examples
 
 POINTS = [
     [-2, 0.03],
@@ -451,7 +452,7 @@ def test_refusals(case: str) -> None:
     assert "leg.yaml" in str(caught.value)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.lists(fractions, min_size=1, max_size=4), st.integers(0, 1000))
 def test_random_polynomials_against_the_free_tree(a: list[Fraction], seed: int) -> None:
     powers = " + ".join(f"({c})*knee^{k}" for k, c in enumerate(a, start=1))

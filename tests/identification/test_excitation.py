@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -15,6 +15,7 @@ from echelon.identification.estimators.estimate import sparse_basis
 from echelon.robot.effect import Side, ready_made
 from support.linkages import four_bar
 from support.observation_rows import ArrayRows
+from support.selection import examples
 from support.textbook_arms import double_pendulum, spherical
 
 
@@ -44,7 +45,7 @@ def swings(
     return base.accumulate({**state, "y": y})
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(0, 1000), st.integers(2, 6))
 def test_independent_share_is_the_share_that_other_columns_do_not_explain(
     seed: int, n: int

@@ -116,7 +116,6 @@ PLANTED = {
     [
         "nothing",
         "load",
-        "ripple",
         *(pytest.param(n, marks=pytest.mark.slow) for n in PLANTED),
     ],
 )
@@ -141,6 +140,7 @@ def test_friction_that_follows_a_temperature(tmp_path: Path) -> None:
     assert "{type: temperature_friction, at: [j2]}" in found.text
 
 
+@pytest.mark.slow
 def test_rotors_that_are_left_out_are_the_first_remark(tmp_path: Path) -> None:
     """MuJoCo simulates an arm with geared motors."""
     system = SYSTEMS["arm"]
@@ -154,7 +154,9 @@ def test_rotors_that_are_left_out_are_the_first_remark(tmp_path: Path) -> None:
     assert "{type: rotor_inertia, at: [j3, j4, j5]}" in first.text
 
 
-@pytest.mark.parametrize("stated", [{}, {"effects": ["usual"]}])
+@pytest.mark.parametrize(
+    "stated", [{}, pytest.param({"effects": ["usual"]}, marks=pytest.mark.slow)]
+)
 def test_rotors_that_nobody_mentioned_are_tried(
     stated: dict[str, list[str]], tmp_path: Path
 ) -> None:

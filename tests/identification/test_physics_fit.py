@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.identification.physics.bounds import Bounds, Roles
@@ -19,6 +19,7 @@ from echelon.robot.inertia import (
 )
 from echelon.shared.errors import InputError
 from support.physical_robots import is_physical, model, observed, robot
+from support.selection import examples
 
 
 def cvxpy_fit(
@@ -87,7 +88,7 @@ def test_gradient_vanishes_at_the_fit(name: str) -> None:
 seeds = st.integers(0, 2**32 - 1)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(
     seeds,
     st.sampled_from(

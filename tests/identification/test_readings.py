@@ -155,7 +155,19 @@ PLANTED: dict[str, tuple[str, Plant, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", slow_unless(lambda name: name != "floating", PLANTED))
+SLOW_MISTAKES = {
+    "floating",
+    "loops",
+    "signs of all torques",
+    "milliseconds",
+    "sign of a position",
+    "sign of a motor",
+}
+
+
+@pytest.mark.parametrize(
+    "name", slow_unless(lambda name: name not in SLOW_MISTAKES, PLANTED)
+)
 def test_planted_mistakes_are_named(name: str) -> None:
     system, plant, words = PLANTED[name]
     base, samples, _ = case(system)

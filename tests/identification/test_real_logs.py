@@ -194,6 +194,7 @@ def test_tx40_needs_its_coupled_wrist(tx40: tuple[Setup, Identification]) -> Non
         assert without.validations[0].scores[joint].moving.r2 < 0.93
 
 
+@pytest.mark.slow
 def test_tx40_on_the_last_part(tx40: tuple[Setup, Identification]) -> None:
     """Joint 5 is predicted as well as before, but hardly has to do anything there, so that its R² is low."""
     setup, result = tx40
@@ -320,6 +321,7 @@ def test_panda_predicts_another_arm(panda: tuple[Setup, Identification]) -> None
     assert 0.05 < abs(first.bias) < 0.2
 
 
+@pytest.mark.slow
 def test_panda_at_30_hertz() -> None:
     """A set-up and a log that every clone has: the last third of the log, which the fit did not see."""
     setup = load_setup(EXAMPLES / "logs" / "panda_30hz.yaml")

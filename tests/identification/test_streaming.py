@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -30,6 +30,7 @@ from echelon.identification.rows.rows import prefetched
 from echelon.shared.errors import InputError
 from support.paths import TESTS
 from support.pendulum_logs import PREPARATION, pendulum, write_log, write_logs
+from support.selection import examples
 
 _PEAK = """
 import resource, sys
@@ -237,7 +238,7 @@ def test_a_reader_stops_when_nobody_listens() -> None:
 # -- tall matrices -----------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(st.integers(0, 400), st.integers(0, 90), st.integers(0, 2**32 - 1))
 def test_factors_of_parts_are_those_of_the_whole(
     rows: int, columns: int, seed: int

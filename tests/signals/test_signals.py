@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 from scipy.spatial.transform import Rotation
@@ -22,6 +22,7 @@ from echelon.identification.signals.spectrum import (
     spectrum,
 )
 from echelon.shared.errors import InputError
+from support.selection import examples
 
 RATE = 1000.0
 TIME = np.arange(8000) / RATE
@@ -109,7 +110,7 @@ def test_length_counts_for_nothing() -> None:
         assert np.allclose(one[REACH:-REACH], other[REACH:-REACH], atol=tolerance)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.integers(0, 2**31))
 def test_signs_that_jump_are_made_continuous(seed: int) -> None:
     q = continuous(spin(TIME[::10])[0])
@@ -224,7 +225,7 @@ def test_stretches_between_gaps_vote_together() -> None:
     assert noise_deviation(found) == pytest.approx(1e-4, rel=0.1)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.floats(-40, 40))
 def test_shifting_undoes_a_delay(samples: float) -> None:
     late = chirp(TIME - samples / RATE)

@@ -1,4 +1,4 @@
-"""Which cases of a parametrised test run every time; the others are slow."""
+"""Cases of a parametrised test that run every time, the others being slow; and numbers of drawn examples."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 
 def slow_unless(
@@ -20,6 +21,12 @@ def slow_unless(
 def one_in(step: int, cases: Iterable[Any]) -> list[Any]:
     """Cases of which the first of every few is quick."""
     return [_slow(case) if k % step else case for k, case in enumerate(cases)]
+
+
+def examples(count: int) -> settings:
+    """As many examples of a property in `make test`; in other profiles as many times more as these ask for."""
+    share = settings().max_examples / settings.get_profile("echelon").max_examples
+    return settings(max_examples=round(count * share))
 
 
 def _slow(case: Any) -> Any:
