@@ -59,6 +59,10 @@ LONG = (
     "stewart mjcf",
     "excavator",
     "planar with a ball, the ball first",
+    "Delta, crosses",
+    "spherical five bar",
+    "Peaucellier, moved",
+    "scissor lift",
 )
 
 
