@@ -30,7 +30,7 @@ from echelon.robot.joint import (
 from echelon.robot.mechanism import Actuator, Cut, Force, Mechanism, Output
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms
-from support.selection import examples
+from support.selection import examples, one_in
 
 KINDS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 ONE = Polynomial.constant(1)
@@ -109,7 +109,7 @@ def test_mount_on_a_parent_that_carries_some_parameters(
 
 
 @pytest.mark.parametrize("some", ["M", "MX MY MZ M", "ZZ", "XX YY ZZ", ""])
-@pytest.mark.parametrize("others", ["*", "MX M"])
+@pytest.mark.parametrize("others", one_in(2, ["*", "MX M"]))
 @pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_equal_joints_on_bodies_that_carry_different_parameters(
     some: str, others: str, which: int
@@ -315,7 +315,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("make", CASES)
-@pytest.mark.parametrize("gravity", [arms.DOWN, arms.GENERIC, None])
+@pytest.mark.parametrize("gravity", one_in(2, [arms.DOWN, arms.GENERIC, None]))
 def test_special_trees(make: Callable[..., Mechanism], gravity: str | None) -> None:
     mechanism = arms.planar(4) if make is arms.planar else make()
     agree(replace(mechanism, gravity=arms.vector(gravity)))

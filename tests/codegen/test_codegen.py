@@ -181,10 +181,7 @@ def cases() -> Iterator[object]:
     """All targets with all robots; compilers take their time."""
     for target in generated.RUNNERS:
         for name in ROBOTS:
-            slow = name not in QUICK and (target, name) not in (
-                ("c", "panda"),
-                ("python", "coupled_arm"),
-            )
+            slow = name not in QUICK and (target, name) != ("python", "coupled_arm")
             yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
 
 
@@ -289,7 +286,11 @@ def base(name: str) -> ec.BaseModel:
 
 def symbol_cases() -> list[object]:
     quick = [(target, "double_pendulum") for target in generated.RUNNERS]
-    return [*quick, ("c", "panda"), ("python", "rx90")]
+    return [
+        *quick,
+        pytest.param("c", "panda", marks=pytest.mark.slow),
+        ("python", "rx90"),
+    ]
 
 
 @pytest.mark.parametrize(("target", "name"), symbol_cases())

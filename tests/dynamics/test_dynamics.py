@@ -30,7 +30,7 @@ from support.float_functions import evaluate
 from support.float_regressor import FloatArray, random_states
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
-from support.selection import examples
+from support.selection import examples, one_in
 
 NAMES = (
     "inverse_dynamics",
@@ -68,6 +68,7 @@ def check_parts(
     )
 
 
+@examples(12)
 @given(mechanisms(), st.integers(0, 2**32))
 def test_parts_of_inverse_dynamics(mechanism: Mechanism, seed: int) -> None:
     columns = range(len(mechanism.parameters))
@@ -123,7 +124,7 @@ def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:
     return q
 
 
-@examples(30)
+@examples(10)
 @given(mechanisms(most=3), st.integers(0, 2**32))
 def test_derivatives_by_an_imaginary_step(mechanism: Mechanism, seed: int) -> None:
     columns = range(len(mechanism.parameters))
@@ -340,7 +341,7 @@ def counted(function: Function) -> tuple[int, int, int]:
     return operations["ADD"] + operations["SUB"], operations["MUL"], operations["SIN"]
 
 
-@pytest.mark.parametrize("robot", ARMS)
+@pytest.mark.parametrize("robot", one_in(2, ARMS))
 @pytest.mark.parametrize("name", COUNTS["rx90"])
 def test_base_parameters(robot: str, name: str) -> None:
     mechanism, limits = ARMS[robot], COUNTS[robot][name]

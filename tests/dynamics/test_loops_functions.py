@@ -125,7 +125,7 @@ def close(found: FloatArray, expected: FloatArray, tolerance: float = 1e-9) -> N
     )
 
 
-@pytest.mark.parametrize("mechanism", one_in(3, ALL))
+@pytest.mark.parametrize("mechanism", one_in(6, ALL))
 def test_equations_of_motion_are_those_of_the_tree_in_independent_coordinates(
     mechanism: Mechanism | str,
 ) -> None:
@@ -153,7 +153,7 @@ def test_equations_of_motion_are_those_of_the_tree_in_independent_coordinates(
     close(functions("regressor", **state) @ zeta, effort, 1e-9)
 
 
-@pytest.mark.parametrize("mechanism", ALL[2::4])
+@pytest.mark.parametrize("mechanism", one_in(3, ALL[2::4][::-1]))
 def test_derivatives_are_those_along_closed_motions(mechanism: Mechanism | str) -> None:
     mechanism = made(mechanism)
     free, names = independent_columns(mechanism), mechanism.independent_velocities
@@ -239,7 +239,7 @@ def test_simulated_motion_keeps_its_energy_but_for_the_work_of_the_drives(
     np.testing.assert_allclose(energy() - start, work, atol=1e-8)
 
 
-@pytest.mark.parametrize("mechanism", one_in(2, ALL))
+@pytest.mark.parametrize("mechanism", one_in(4, ALL))
 def test_forces_of_closures_are_lagrange_multipliers(
     mechanism: Mechanism | str,
 ) -> None:

@@ -45,6 +45,7 @@ from support.excitation_cases import (
 )
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import EXAMPLES
+from support.report_data import identification
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file
 from support.simulated_results import Result, result_of
 
@@ -531,12 +532,13 @@ def test_draws_of_the_model_break_limits_as_rarely_as_deviations_say() -> None:
     assert beyond.mean() < 0.05
 
 
-def test_a_model_of_another_robot_is_refused() -> None:
+def test_a_model_of_another_robot_is_refused(tmp_path: Path) -> None:
+    ec.save_identification(identification("cart_pole"), tmp_path / "model.json")
     setup = ec.load_setup("examples/double_pendulum.yaml")
     with pytest.raises(InputError, match=r"model\.json has other base parameters"):
         ec.exciting_trajectory(
             setup,
-            model=str(arm().folder / "model.json"),
+            model=str(tmp_path / "model.json"),
             limits={"position": [-1, 1], "velocity": 1, "effort": 1},
         )
 

@@ -26,7 +26,7 @@ from support.descriptions import read_description
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.pinocchio_loops import Constrained
-from support.selection import examples
+from support.selection import examples, one_in
 
 POINTS = [
     [-2, 0.03],
@@ -222,7 +222,8 @@ def test_forces_are_those_of_pinocchio() -> None:
 
 
 @pytest.mark.parametrize(
-    ("base", "ball"), [("", False), ("floating_base: true", False), ("", True)]
+    ("base", "ball"),
+    one_in(3, [("", True), ("", False), ("floating_base: true", False)]),
 )
 def test_functions_fit_together(base: str, ball: bool) -> None:
     """The mass matrix and the parts of the inverse dynamics, and its derivatives by an imaginary step."""

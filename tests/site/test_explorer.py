@@ -522,7 +522,7 @@ def test_what_answers_is_packed_for_browsers() -> None:
             "loops/parallelogram.yaml",
             "so101.urdf",
             "coupled_arm.yaml",
-            "two_link.xml",
+            "scara.yaml",
         )
     ]
     paths = os.pathsep.join(str(path) for path in (ROOT / "src", explorer))
