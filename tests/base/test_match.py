@@ -44,6 +44,7 @@ def check_torques(matched: ec.Match) -> None:
     )
 
 
+@pytest.mark.slow
 def test_ur10_in_standard_dh_and_urdf() -> None:
     table, urdf = ec.load(EXAMPLES / "ur10.yaml"), ec.load(robot_file("ur10_robot"))
     matched = ec.match(table, urdf)

@@ -82,8 +82,14 @@ def test_ranks_of_published_loops(name: str) -> None:
     check(ec.base_parameters(ec.load(file)), INTENDED.get(name, model.rank))
 
 
-def test_representatives_may_be_chosen() -> None:
-    base, usual = base_of(FOUR_BAR, order="tip-to-base"), base_of(FOUR_BAR)
+@pytest.mark.parametrize(
+    "name", slow_unless(["parallelogram"], ["parallelogram", "four_bar"])
+)
+def test_representatives_may_be_chosen(name: str) -> None:
+    base, usual = (
+        base_of(f"loops/{name}", order="tip-to-base"),
+        base_of(f"loops/{name}"),
+    )
     assert base.rank == usual.rank
     assert base.pivots != usual.pivots
     assert ec.verify(from_json(to_json(base))).rank == base.rank
@@ -164,7 +170,8 @@ def test_signs_are_those_of_random_states() -> None:
     assert "signs as they are at random states" in str(base.certificate)
 
 
-@pytest.mark.parametrize("velocity", slow_unless(["0.002"], ["0.5", "0.002"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("velocity", ["0.5", "0.002"])
 def test_exponentials_show_at_small_speeds(velocity: str) -> None:
     """At others they vanish to hundreds of digits."""
     text = (EXAMPLES / "loops/four_bar.yaml").read_text()

@@ -389,7 +389,7 @@ def ratio(arm: Mechanism, coordinate: str, leader: str) -> float:
     return sum(f.floats(0, {})[1] for name, f in terms if name == leader)
 
 
-@examples(60)
+@examples(30)
 @given(mechanisms(3))
 def test_random_mechanisms_against_singular_values(mechanism: Mechanism) -> None:
     if mechanism.velocities and mechanism.parameters:

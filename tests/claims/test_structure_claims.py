@@ -130,7 +130,7 @@ def test_two_point_masses_of_which_one_is_offset() -> None:
     assert [str(e) for e in base.expressions] == ["M1 + M2", "M3", "M4"]
 
 
-@examples(25)
+@examples(10)
 @given(mechanisms(4), st.data())
 def test_random_trees_that_carry_some_parameters(
     mechanism: Mechanism, data: st.DataObject
@@ -170,7 +170,7 @@ def sensed(draw: st.DrawFn) -> Mechanism:
     return replace(mechanism, measured=tuple(outputs))
 
 
-@examples(25)
+@examples(10)
 @given(sensed())
 def test_random_trees_with_sensors(mechanism: Mechanism) -> None:
     agree(mechanism)
@@ -240,13 +240,13 @@ def affected(draw: st.DrawFn) -> Mechanism:
     return replace(mechanism, effects=tuple(effects))
 
 
-@examples(25)
+@examples(10)
 @given(affected())
 def test_random_trees_with_effects(mechanism: Mechanism) -> None:
     agree(mechanism)
 
 
-@examples(25)
+@examples(10)
 @given(mechanisms(5))
 def test_random_trees_with_couplings_and_massless_bodies(mechanism: Mechanism) -> None:
     agree(mechanism)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from support.paths import EXAMPLES
+from support.selection import slow_unless
 
 LONG = (
     "excite",
@@ -45,7 +46,9 @@ def searching(folder: Path) -> subprocess.Popen[str]:
     raise AssertionError(process.communicate())
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", slow_unless([signal.SIGINT], [signal.SIGTERM, signal.SIGINT])
+)
 def test_the_first_signal_ends_with_a_motion_that_was_checked(
     tmp_path: Path, number: signal.Signals
 ) -> None:

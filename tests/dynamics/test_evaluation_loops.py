@@ -156,6 +156,7 @@ def test_other_lengths(four_bar: Case) -> None:
         four_bar.base.standard_regressor(*states)
 
 
+@pytest.mark.slow
 def test_effects_and_sensors() -> None:
     """Friction at a joint that is not driven, and the wrench in a bearing."""
     mechanism = sensed(linkages.rssr())

@@ -88,7 +88,7 @@ def by_hand(mechanism: Mechanism, q: Floats) -> Floats:
     return np.array(poses)[:, :3]
 
 
-@examples(25)
+@examples(10)
 @given(mechanisms(), st.integers(0, 2**32 - 1))
 def test_frames_of_random_trees(mechanism: Mechanism, seed: int) -> None:
     q, _, _ = random_states(mechanism, 2, seed)

@@ -23,6 +23,7 @@ from echelon.robot.mechanism import Mechanism
 from echelon.shared.errors import InputError
 from support import linkages
 from support.closed_motion import accelerations
+from support.derived import base_of
 from support.float_regressor import FloatArray
 from support.generated_code import reference
 from support.loop_states import closed_states, independent_columns
@@ -474,4 +475,4 @@ def test_base_models_take_independent_states(
 
 @cache
 def four_bar() -> ec.BaseModel:
-    return ec.base_parameters(example("four_bar"))
+    return base_of("loops/four_bar")

@@ -184,7 +184,7 @@ CLEARANCE = 0.03
     ("stated", "rate"),
     [
         pytest.param("by the file", 10_000, marks=pytest.mark.slow),
-        ("by the set-up", 1000),
+        pytest.param("by the set-up", 1000, marks=pytest.mark.slow),
     ],
 )
 def test_distances_by_mujoco_keep_the_clearance(

@@ -65,9 +65,7 @@ RANKS = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", slow_unless(["adaptive", "parallelogram, untied"], RANKS)
-)
+@pytest.mark.parametrize("name", slow_unless(["parallelogram, untied"], RANKS))
 def test_ranks_are_those_at_closed_states(name: str) -> None:
     robot = RobotFile.of(HANDS[name].encode(), "hand.xml").mechanism(ReadingOptions())
     assert ec.base_parameters(robot).rank == RANKS[name]

@@ -141,7 +141,7 @@ COUPLED = {
 }
 
 
-@pytest.mark.parametrize("name", slow_unless(["a tendon"], COUPLED))
+@pytest.mark.parametrize("name", slow_unless(["a rack"], COUPLED))
 def test_couplings_act_away_from_the_reference_pose(name: str, tmp_path: Path) -> None:
     head = '<compiler angle="radian"/><default><joint axis="0 0 1"/></default>'
     home = f'<keyframe><key name="home" qpos="{" ".join(map(str, HOME))}"/></keyframe>'

@@ -119,6 +119,7 @@ FRESH = tuple(s[::40] for s in fourier(np.random.default_rng(5), 3, 0.9))
             False,
             "",
             id="all with springs",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             "armature=0.5",

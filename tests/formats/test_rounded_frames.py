@@ -477,6 +477,7 @@ loops:
 """
 
 
+@pytest.mark.slow
 def test_links_stay_crossed_where_rounding_opens_their_loop() -> None:
     """Equal opposite sides in four decimals: the nearest pose is taken, not the one far away that closes best."""
     assert found(CROSSED) == (1, 8)

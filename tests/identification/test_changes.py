@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +30,14 @@ LOAD = [0.02, 0, 0, 0.08, 0, 0.08, 0.2, 0, 0.05, 0.6]
 """Parameters that the payload adds to those of the last body."""
 
 
+@cache
+def base_of_arm() -> ec.BaseModel:
+    return ec.base_parameters(ec.load_setup(ARM).mechanism)
+
+
 def write_run(path: Path, seed: int, begin: float, loaded: slice) -> float:
     """Write a log whose stamps begin at some time, with a payload in some of its samples; its length, s."""
-    base = ec.base_parameters(ec.load_setup(ARM).mechanism)
+    base = base_of_arm()
     friction = [
         {"Fv": 2.0, "Fc": 1.5, "Fo": 0.3}[name[:2]] for name in base.parameters[30:]
     ]
@@ -88,6 +94,7 @@ def test_log_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_log_between_others_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
     logs = [tmp_path / f"{name}.csv" for name in ("before", "loaded", "after")]
     for seed, log in enumerate(logs):
@@ -100,6 +107,7 @@ def test_log_between_others_in_which_the_payload_is_is_named(tmp_path: Path) -> 
     assert re.search(r"identify '.*loaded\.csv' and the other logs separately", first)
 
 
+@pytest.mark.slow
 def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
     bare, attached = tmp_path / "bare.csv", tmp_path / "attached.csv"
     write_run(bare, 1, 0.0, slice(0, 0))

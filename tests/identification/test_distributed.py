@@ -20,7 +20,6 @@ from echelon.identification.saved.identified import identification_to_json
 from echelon.shared.errors import InputError
 from support.paths import TESTS
 from support.pendulum_logs import pendulum, write_logs
-from support.selection import slow_unless
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -76,7 +75,10 @@ def test_two_processes_say_what_one_says(
     same(identify(pendulum(), [folder], client=client), alone)
 
 
-@pytest.mark.parametrize("memory", slow_unless([300_000], [0, 300_000, 1 << 28]))
+@pytest.mark.parametrize(
+    "memory",
+    [pytest.param(size, marks=pytest.mark.slow) for size in (0, 300_000, 1 << 28)],
+)
 def test_some_logs_are_kept_and_some_are_not(
     client: Client, folder: Path, memory: int
 ) -> None:

@@ -13,6 +13,7 @@ import echelon as ec
 from echelon.identification.conditioning import conditioning, sensitivities
 from echelon.identification.estimators.estimate import sparse_basis
 from echelon.robot.effect import Side, ready_made
+from support.derived import base_of
 from support.linkages import four_bar
 from support.observation_rows import ArrayRows
 from support.selection import examples
@@ -195,7 +196,7 @@ def test_friction_is_told_by_speed_and_gains_by_currents() -> None:
 
 
 def test_loops_get_advice() -> None:
-    base = ec.base_parameters(four_bar())
+    base = base_of(four_bar)
     x = np.linspace(0.9, 1.1, 30)[:, None]
     y = np.zeros((30, len(base.mechanism.outputs)))
     found = conditioning(

@@ -417,6 +417,7 @@ def test_one_output_of_few_contradicts_the_others(
     assert found == {wrong: pytest.approx(factor, rel=0.1)}
 
 
+@pytest.mark.slow
 def test_currents_that_are_given_as_torques_contradict_each_other(
     tmp_path: Path,
 ) -> None:

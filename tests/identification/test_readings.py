@@ -26,7 +26,7 @@ from echelon.identification.rows.rows import ModelRows
 from support.selection import slow_unless
 from support.simulated_models import Floats
 from support.simulated_motions import RATE, fourier
-from support.simulated_systems import SYSTEMS, motion_of
+from support.simulated_systems import SYSTEMS
 
 Plant = Callable[[Samples], Samples]
 EVERY = 4
@@ -36,7 +36,8 @@ EVERY = 4
 @cache
 def case(name: str) -> tuple[BaseModel, Samples, Floats]:
     """A system's base parameters, noisy samples of a motion, and true standard parameters."""
-    system, motion = SYSTEMS[name], motion_of(SYSTEMS[name])
+    system = replace(SYSTEMS[name], simulated=False)
+    motion = system.motion(11)
     with TemporaryDirectory() as folder:
         base, truth = system.truth(Path(folder))
     rng = np.random.default_rng(3)

@@ -37,7 +37,7 @@ NAMED = (
 )
 UNHARMED = ("clean", "tool", "quant")
 ARMS = ("ur10", "xarm7")
-QUICK = {("ur10", "clean"), ("ur10", "stribeck")}
+QUICK = {("ur10", "clean")}
 
 
 def found(arm: str, trap: str) -> tuple[TrapLog, ec.Identification]:

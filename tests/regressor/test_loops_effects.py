@@ -56,9 +56,10 @@ effects:
             marks=pytest.mark.slow,
         ),
         # what primes know no relations of is compared in balls
-        (
+        pytest.param(
             "[{parameter: Fz, unit: N·m, acts: [{at: rocker, term: 'sign(qd)*sqrt(abs(qd))', side: joint}]}]",
             8 + 1,
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             "[{parameter: Fz, unit: N·m, acts: [{at: coupler, term: 'atan(5*qd)', side: joint}]}]",

@@ -76,6 +76,7 @@ def test_ratios_of_gears(
     assert rank_in_pinocchio(mechanism) == rank
 
 
+@pytest.mark.slow
 def test_a_symbol_in_a_ratio_is_taken_at_its_value() -> None:
     base = ec.base_parameters(geared("n*rocker", "n: 3/4"))
     assert "the symbol 'n' is taken at its value everywhere" in base.reading.notes[0]
@@ -113,9 +114,7 @@ INEXACT = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", slow_unless(["approximate", "a cam in the loop"], INEXACT)
-)
+@pytest.mark.parametrize("name", slow_unless(["a cam"], INEXACT))
 def test_couplings_without_exact_sines_are_answered_in_balls(name: str) -> None:
     """Against other mechanics with 75 digits; forces in independent coordinates are those of all rows."""
     base = ec.base_parameters(read(INEXACT[name]))

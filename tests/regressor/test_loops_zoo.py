@@ -90,7 +90,7 @@ With one freedom, dozens of smooth functions of one number are compared on the s
 """
 
 
-@pytest.mark.parametrize("case", one_in(3, cases()))
+@pytest.mark.parametrize("case", one_in(4, cases()))
 def test_the_rank_is_that_of_closed_states(case: Case) -> None:
     mechanism = read(case.text)
     assert len(mechanism.independent_velocities) == case.freedom

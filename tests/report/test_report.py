@@ -34,7 +34,7 @@ from echelon.shared.errors import MissingExtraError
 from support.derived import base_of
 from support.paths import EXAMPLES
 from support.report_data import Page, bare, hostile, identification
-from support.selection import slow_unless
+from support.selection import examples, slow_unless
 from support.textbook_poses import pose_of
 
 
@@ -121,6 +121,7 @@ def test_hostile_names_never_become_markup(full: Identification) -> None:
     json.loads(dirty.scripts[0])
 
 
+@examples(10)
 @given(st.text())
 def test_json_cannot_end_a_script(text: str) -> None:
     packed = script_safe({text: text})
