@@ -70,7 +70,7 @@ def test_ranks_of_textbook_loops(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     slow_unless(
-        ["planar_delta"],
+        ["xarm7_gripper"],
         [m.name for m in PUBLISHED if not m.floating and m.name in PUBLISHED_SETS],
     ),
 )

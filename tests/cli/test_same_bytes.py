@@ -18,6 +18,10 @@ from support.every_command import COMMANDS, LANGUAGES, SCHEMAS, write_inputs
 from support.paths import ROOT, TESTS
 
 LONG = {
+    "excite",
+    "loop",
+    "structure-loop",
+    "latex",
     "excite-json",
     "excite-loop",
     "complement",
