@@ -305,6 +305,7 @@ def test_the_certificate_counts_the_columns_that_each_check_reached(
     assert general.holds == "for general values of the symbols"
 
 
+@pytest.mark.slow
 def test_special_lengths_of_loops_count_in_the_minor() -> None:
     """A parallelogram whose lengths are four symbols: the general set has 8, at the stated values there are 3."""
     text = """echelon: 1

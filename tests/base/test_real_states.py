@@ -203,6 +203,7 @@ def test_relations_hold_in_other_rows() -> None:
         assert not found.holds(others)
 
 
+@pytest.mark.slow
 def test_a_singular_pose_is_doubted() -> None:
     """Flat parallelograms may go on as others."""
     found = specialised(ec.load(LOOPS / "palletizer.xml"), random_generator(1))

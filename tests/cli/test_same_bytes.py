@@ -19,6 +19,8 @@ from support.paths import ROOT, TESTS
 
 LONG = {
     "excite",
+    "identify",
+    "predict",
     "loop",
     "structure-loop",
     "latex",

@@ -27,6 +27,7 @@ from echelon.loops.assembly import Assembly
 from echelon.shared.errors import InputError
 from support import generated_code as generated
 from support.paths import ROOT
+from support.selection import slow_unless
 
 Floats = npt.NDArray[Any]
 LARGE = (1e-300, 1e2, -3e3, 99_999.5, 1e5, -1e5 - 1, 1e7, -1e12, 1e22)
@@ -254,7 +255,12 @@ PARAMETERS = dict(
 )
 
 
-@pytest.mark.parametrize("target", generated.RUNNERS)
+@pytest.mark.parametrize(
+    "target",
+    slow_unless(
+        lambda target: target not in ("jax", "matlab", "cuda"), generated.RUNNERS
+    ),
+)
 def test_single_precision(target: str, tmp_path: Path) -> None:
     source = generate(
         ROBOTS["double_pendulum"](), target, list(ALL), precision="single"

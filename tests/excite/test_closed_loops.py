@@ -215,6 +215,7 @@ def test_what_cannot_be_closed_counts_nothing() -> None:
         assert not part[~closed.done].any()
 
 
+@pytest.mark.slow
 def test_samples_fade_out_towards_singular_poses() -> None:
     """Entries do not jump where the loops cease to close, and their derivatives are exact where they fade."""
     made, _ = beyond()
@@ -256,6 +257,7 @@ def test_the_way_back_is_told() -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_was_found_does_not_depend_on_what_was_asked_before() -> None:
     made, state = beyond()
     fresh = made.motion.positioned(state["q"])

@@ -124,6 +124,7 @@ def test_boxes_by_pinocchio_hold_a_ball_about_the_flange() -> None:
             assert reached[axis].largest >= p[:, k].max() - 1e-12
 
 
+@pytest.mark.slow
 def test_conditioning_is_that_of_pinocchios_regressor() -> None:
     """Standard parameters by Pinocchio, friction by its formula, and the base by the pivots."""
     file = robot_file("ur10_robot")

@@ -348,6 +348,7 @@ def test_examples_close_and_are_read_again(file: Path) -> None:
     check_round_trip(mechanism)
 
 
+@pytest.mark.slow
 def test_saved_sets_keep_their_loops(tmp_path: Path) -> None:
     base = ec.base_parameters(read(BAR))
     ec.save_base(base, tmp_path / "base.json")

@@ -378,6 +378,7 @@ loops:
 """
 
 
+@pytest.mark.slow
 def test_loops_that_rounding_has_locked_move_as_they_are_meant() -> None:
     """A Bennett linkage on two joints: four decimals lock it, and tell no number of base parameters."""
     mechanism = ec.load(BENNETT)

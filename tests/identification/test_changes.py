@@ -13,6 +13,7 @@ import pytest
 
 import echelon as ec
 from support.robot_files import robot_file
+from support.selection import slow_unless
 from support.simulated_motions import RATE, fourier
 from support.trap_logs import ROBOTS, arm, usual_log
 
@@ -122,7 +123,7 @@ def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
     assert re.search(rf"cut '.*attached\.csv' at {said[1]} s", first)
 
 
-@pytest.mark.parametrize("loaded", [False, True])
+@pytest.mark.parametrize("loaded", slow_unless([True], [False, True]))
 def test_a_load_in_a_log_that_only_validates_is_named(
     loaded: bool, tmp_path: Path
 ) -> None:

@@ -96,6 +96,7 @@ def placements(draw: st.DrawFn) -> Placement:
 
 @examples(4)
 @given(st.lists(placements(), min_size=8, max_size=8), st.integers(0, 2**32 - 1))
+@pytest.mark.slow
 def test_frames_do_not_matter(drawn: list[Placement], seed: int) -> None:
     rng = np.random.default_rng(seed)
     old, new = [], []

@@ -314,6 +314,7 @@ def test_intervals_cover_with_a_little_noise_in_the_positions(name: str) -> None
     assert found.mean(axis=0).min() > binom.ppf(1e-4, SEEDS, 0.94) / SEEDS
 
 
+@pytest.mark.slow
 def test_much_noise_in_the_positions_biases() -> None:
     """Derivatives of noisy positions disturb the columns, which biases; a third of the noise biases little."""
     assert from_positions("wrist sensor", 3e-2, 20).mean() < 0.7

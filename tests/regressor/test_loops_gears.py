@@ -127,6 +127,7 @@ def test_couplings_without_exact_sines_are_answered_in_balls(name: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_formulas_in_lengths_beside_a_gear_with_an_irrational_ratio() -> None:
     """A geared wheel changes nothing of the four-bar that carries it."""
     base = ec.base_parameters(

@@ -151,7 +151,11 @@ def test_setups(text: str, case: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "coupled", one_in(3, ["2*rocker", "1/2*rocker", "-50.7*rocker"])
+    "coupled",
+    [
+        pytest.param(coupled, marks=pytest.mark.slow)
+        for coupled in ("2*rocker", "1/2*rocker", "-50.7*rocker")
+    ],
 )
 def test_gears_of_coordinates_that_loops_move(coupled: str) -> None:
     wheel = "  - {name: wheel, joint: revolute, parent: rocker, a: 0.1}\n"
@@ -170,6 +174,7 @@ def test_points_on_lines() -> None:
 # -- for whom a set holds ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_sets_for_general_values_are_checked_near_the_stated_ones() -> None:
     code, sentence = judge(described(FOUR_BAR, generic=True))
     assert code == VALID, sentence
