@@ -291,12 +291,11 @@ def base(name: str) -> ec.BaseModel:
 
 
 def symbol_cases() -> list[object]:
-    quick = [(target, "double_pendulum") for target in generated.RUNNERS]
-    return [
-        *quick,
-        pytest.param("c", "panda", marks=pytest.mark.slow),
-        ("python", "rx90"),
-    ]
+    quick = {("python", "rx90")}
+    quick |= {(target, "double_pendulum") for target in generated.RUNNERS}
+    quick -= {("cuda", "double_pendulum"), ("matlab", "double_pendulum")}
+    pendulums = [(target, "double_pendulum") for target in generated.RUNNERS]
+    return slow_unless(quick, [*pendulums, ("c", "panda"), ("python", "rx90")])
 
 
 @pytest.mark.parametrize(("target", "name"), symbol_cases())

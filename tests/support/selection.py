@@ -24,7 +24,7 @@ def one_in(step: int, cases: Iterable[Any]) -> list[Any]:
 
 
 def examples(count: int) -> settings:
-    """A number of examples of a property; a profile that does not ask for 40 gets the same share of what it asks for."""
+    """So many examples of a property if the profile asks for 40, and the same share of what another one asks for."""
     return settings(max_examples=max(1, count * settings().max_examples // 40))
 
 
