@@ -65,6 +65,7 @@ def test_the_first_signal_ends_with_a_motion_that_was_checked(
     assert {start["status"] for start in document["starts"]} == {"stopped"}
 
 
+@pytest.mark.slow
 def test_the_second_signal_ends_at_once_and_nothing_is_written(tmp_path: Path) -> None:
     process = searching(tmp_path)
     process.send_signal(signal.SIGINT)

@@ -27,7 +27,7 @@ from echelon.loops.assembly import Assembly
 from echelon.shared.errors import InputError
 from support import generated_code as generated
 from support.paths import ROOT
-from support.selection import slow_unless
+from support.selection import one_in, slow_unless
 
 Floats = npt.NDArray[Any]
 LARGE = (1e-300, 1e2, -3e3, 99_999.5, 1e5, -1e5 - 1, 1e7, -1e12, 1e22)
@@ -424,7 +424,7 @@ def ulps(x: float, found: float, cosine: bool) -> float:
     return abs(float((flint.arb(found) - exact) / np.spacing(abs(float(exact)))))
 
 
-@pytest.mark.parametrize(("target", "flags"), BUILDS)
+@pytest.mark.parametrize(("target", "flags"), one_in(2, BUILDS))
 def test_errors_in_units_in_the_last_place(
     target: str, flags: tuple[str, ...], tmp_path: Path
 ) -> None:
@@ -456,7 +456,7 @@ def test_errors_in_units_in_the_last_place(
     assert max(cosines) < 2
 
 
-@pytest.mark.parametrize(("target", "flags"), BUILDS)
+@pytest.mark.parametrize(("target", "flags"), one_in(2, BUILDS))
 def test_the_library_takes_over(
     target: str, flags: tuple[str, ...], tmp_path: Path
 ) -> None:

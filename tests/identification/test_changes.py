@@ -82,6 +82,7 @@ def test_time_is_that_of_the_stamps(tmp_path: Path) -> None:
     assert f"cut the log at {said[1]} s" in first
 
 
+@pytest.mark.slow
 def test_log_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
     bare, loaded = tmp_path / "bare.csv", tmp_path / "loaded.csv"
     write_run(bare, 1, 0.0, slice(0, 0))

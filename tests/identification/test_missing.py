@@ -185,6 +185,7 @@ def test_rotors_that_nobody_mentioned_are_tried(
     assert [finding.kind for finding in result.findings].count("missing effect") == 1
 
 
+@pytest.mark.slow
 def test_rotors_that_are_left_out_are_no_wrong_clock(tmp_path: Path) -> None:
     """Where gravity says nothing, more inertia looks like a faster clock."""
     parts = (

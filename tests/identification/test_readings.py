@@ -261,6 +261,7 @@ def test_the_values_of_a_robot_file_decide_between_mirrored_robots() -> None:
     assert ", or " not in found[0]
 
 
+@pytest.mark.slow
 def test_robots_with_vertical_slides_and_values_are_judged() -> None:
     """Gravity's direction is free in the model that judges, and base parameters of its slides depend on it."""
     _, samples, _ = simple(GANTRY)

@@ -172,6 +172,7 @@ def test_batches_add_up_to_the_whole(
     assert sum(batch.observation.rows for batch in grouped(batches, 2)) == whole.rows
 
 
+@pytest.mark.slow
 def test_many_logs_make_as_many_batches_as_wanted(plan: LogPlan, folder: Path) -> None:
     logs = sorted(folder.iterdir())
     few, many = PassesOverData(plan, logs[:1]), PassesOverData(plan, logs * 10)

@@ -30,7 +30,7 @@ from support.zoo.platforms import PLATFORMS
 
 X, Y, Z = loop_readers.AXES
 IN_PLANE, ACROSS = (0, "-9.81", 0), (0, 0, "-9.81")
-SMALL = ("planar_2dof", "jaco_3_finger")
+SMALL = ("planar_2dof",)
 
 
 def at(x: str = "0", y: str = "0", z: str = "0") -> object:

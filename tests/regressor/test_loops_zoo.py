@@ -63,6 +63,7 @@ LONG = (
     "spherical five bar",
     "Peaucellier, moved",
     "scissor lift",
+    "leg mjcf",
 )
 
 

@@ -73,6 +73,7 @@ def shown(verdicts: list[Verdict]) -> str:
     return "\n".join(str(v) for v in verdicts)
 
 
+@pytest.mark.slow
 def test_some_exports_are_right_or_say_why_not(tmp_path: Path) -> None:
     judge(SOME[:FEW], tmp_path)
 

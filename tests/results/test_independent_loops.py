@@ -82,10 +82,11 @@ def described(text: str, *, generic: bool = False) -> str:
 @pytest.mark.parametrize(
     ("name", "rank"),
     [
-        *(("parallelogram", 3), ("four_bar", 8)),
+        ("parallelogram", 3),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in (
+                ("four_bar", 8),
                 ("bennett", 9),
                 ("sr400", 39),
                 ("delta", 34),

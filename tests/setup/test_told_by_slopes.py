@@ -152,7 +152,7 @@ NOTHING = {
 
 
 @pytest.mark.parametrize("what", NOTHING)
-@pytest.mark.parametrize("names", ["t q1 q2 tau1 tau2", "a b0 b1 c0 c1"])
+@pytest.mark.parametrize("names", one_in(2, ["t q1 q2 tau1 tau2", "a b0 b1 c0 c1"]))
 @pytest.mark.parametrize(
     "places",
     [

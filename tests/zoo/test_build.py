@@ -245,6 +245,7 @@ def test_pages_of_a_site_lead_to_its_explorer(robots: Path, tmp_path: Path) -> N
     assert 'href="../../index.html"' in pages["arm.yaml"][0]
 
 
+@pytest.mark.slow
 def test_the_command_says_what_was_built(robots: Path, tmp_path: Path) -> None:
     folder = tmp_path / "zoo"
     done = run(folder, "--from", robots, "--only", "arm*", "--jobs", 1)
