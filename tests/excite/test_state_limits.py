@@ -544,8 +544,10 @@ def test_a_model_of_another_robot_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_model_that_does_not_exist_is_named() -> None:
+    setup = ec.load_setup("examples/double_pendulum.yaml")
+    limits = {"position": [-1, 1], "velocity": 1, "effort": 1}
     with pytest.raises(InputError, match=r"nowhere\.json.*cannot be read"):
-        designed(model="nowhere.json")
+        ec.exciting_trajectory(setup, model="nowhere.json", limits=limits)
 
 
 def test_a_model_that_does_not_determine_torques_is_refused() -> None:

@@ -121,9 +121,8 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "digits"), slow_unless([("Sarrus, oblique", 6)], CASES)
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "digits"), CASES)
 def test_ranks_do_not_depend_on_rounded_frames(
     name: str, digits: int, tmp_path: Path
 ) -> None:

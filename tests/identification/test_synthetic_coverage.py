@@ -177,6 +177,7 @@ def assert_nominal(found: Hits, level: float, slack: float) -> None:
 
 
 @pytest.mark.parametrize("name", slow_unless(["arm"], ALL))
+@pytest.mark.slow
 def test_classical_intervals_cover(name: str) -> None:
     data = trial(name)
     estimates = [

@@ -91,6 +91,7 @@ def test_urdf_in_pinocchio(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["arm"])
+@pytest.mark.slow
 def test_urdf_in_mujoco(name: str) -> None:
     """MuJoCo reads viscous and dry friction from URDF; rotors' inertia has no place there."""
     result = result_of(name)
