@@ -245,6 +245,7 @@ def published_pendulum(base: ec.BaseModel, model: str) -> np.ndarray:
     return base.values([*(standard | {"Ir": p["Ir"]}).values()])
 
 
+@pytest.mark.slow
 def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> None:
     setup, result = pendulum
     unseen = result.validations[1]
@@ -264,6 +265,7 @@ def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> N
     assert values(result)["Ir"] == 6.0719e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run", ["A0_20220812_061705-PM", "A0_20220815_traj_11"])
 def test_pendulum_on_fast_runs(
     pendulum: tuple[Setup, Identification], run: str
