@@ -24,7 +24,7 @@ def one_in(step: int, cases: Iterable[Any]) -> list[Any]:
 
 
 def examples(count: int) -> settings:
-    """Settings with a number of examples if the profile asks for 40, and with the same share of what another asks for."""
+    """Settings with a number of examples if the profile asks for 40; other profiles give the same share of theirs."""
     return settings(max_examples=max(1, count * settings().max_examples // 40))
 
 
