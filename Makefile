@@ -10,12 +10,13 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # commands that tests start would compile all modules anew
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help venv demo test lint slow faults mutate fuzz bench site serve dist explorer clean
+.PHONY: help venv demo test lint quick slow faults mutate fuzz bench site serve dist explorer clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo    derive the base parameters of a robot arm"
-	@echo "make test    lint, types, layers and tests"
+	@echo "make test    lint, types, layers and the quick tests"
+	@echo "make quick   the quick tests alone"
 	@echo "make slow    the tests that take long"
 	@echo "make faults  signals at fifty random moments of every command, full disks"
 	@echo "make mutate  plant small faults in the core, which the tests must notice"
@@ -51,9 +52,13 @@ lint: $(DEV)
 	$(BIN)/lint-imports --no-logo
 
 # as many processes as cores run tests, and each of them does linear algebra
-test slow faults: export OPENBLAS_NUM_THREADS := 1
-test: lint
+quick slow faults: export OPENBLAS_NUM_THREADS := 1
+quick: $(DEV)
 	$(BIN)/pytest -n auto --dist worksteal -m "not slow"
+
+# types are checked by one process, beside the tests
+test: $(DEV)
+	@$(MAKE) --no-print-directory -j 2 lint quick
 
 slow: $(DEV) $(DOCS)
 	$(BIN)/pytest -n auto -m "slow or hypothesis" --hypothesis-profile thorough

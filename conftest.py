@@ -14,13 +14,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # The same examples on every run, and no time limit per example: the first one pays for imports and caches.
-settings.register_profile("echelon", deadline=None, derandomize=True, max_examples=40)
+settings.register_profile("echelon", deadline=None, derandomize=True, max_examples=20)
 settings.load_profile("echelon")
 # for `make slow`
 settings.register_profile("thorough", settings.get_profile("echelon"), max_examples=200)
 # for `make mutate`, which only wants to know whether a test fails: no search for the smallest example that does
 settings.register_profile(
-    "unshrunk", settings.get_profile("echelon"), phases=(Phase.explicit, Phase.generate)
+    "unshrunk",
+    settings.get_profile("echelon"),
+    max_examples=40,
+    phases=(Phase.explicit, Phase.generate),
 )
 
 

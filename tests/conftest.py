@@ -11,6 +11,9 @@ from echelon.compute.machine import kernel
 from echelon.compute.machine.target import Target, host
 from support.small_kernels import LANES, Fences
 
+# generated programs, which would be imported in search of examples
+collect_ignore = ["goldens"]
+
 gc.disable()  # a fifth of the time in which modules are imported and tests are found; all that they make stays
 
 

@@ -19,12 +19,23 @@ FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
+LONG = (
+    "docs/robots-with-loops.md-1",
+    "docs/closed-loops.md-1",
+    "docs/closed-loops.md-2",
+    "docs/real-states.md-3",
+)
+"""Examples that take more than a second."""
+
+
 def blocks(language: str) -> list[object]:
     found = []
     for page in PAGES:
         for k, (kind, body) in enumerate(FENCE.findall(page.read_text())):
             if kind == language:
-                found.append(pytest.param(body, id=f"{page.relative_to(ROOT)}-{k}"))
+                name = f"{page.relative_to(ROOT)}-{k}"
+                marks = [pytest.mark.slow] * (name in LONG)
+                found.append(pytest.param(body, id=name, marks=marks))
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -19,6 +19,7 @@ from echelon.dynamics.models import LinearModel, evaluate_model
 from echelon.formats.description.document import read_text
 from echelon.formats.linear_models import load_linear, read_linear
 from support.paths import ROOT
+from support.selection import examples
 
 EXAMPLES = ROOT / "examples" / "linear"
 
@@ -298,7 +299,7 @@ POOL = ["x", "y", "x*y", "exp(x)", "exp(x + y)", "log(y**2)", "log(x*y)", "sin(x
         "abs(x)", "tanh(y)", "1", "exp(-x)*y", "sqrt(x)*exp(y)"]  # fmt: skip
 
 
-@settings(deadline=None, max_examples=12)
+@examples(6)
 @given(st.data())
 def test_planted_dependences_are_found(data: Any) -> None:
     chosen = data.draw(

@@ -44,6 +44,7 @@ def check_torques(matched: ec.Match) -> None:
     )
 
 
+@pytest.mark.slow
 def test_ur10_in_standard_dh_and_urdf() -> None:
     table, urdf = ec.load(EXAMPLES / "ur10.yaml"), ec.load(robot_file("ur10_robot"))
     matched = ec.match(table, urdf)
@@ -55,6 +56,7 @@ def test_ur10_in_standard_dh_and_urdf() -> None:
     np.testing.assert_allclose(back.base_map @ matched.base_map, np.eye(36), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_panda_in_modified_dh_and_urdf(tmp_path: Path) -> None:
     arm = robot_file("panda").read_text().replace('type="prismatic"', 'type="fixed"')
     matched = ec.match(

@@ -89,6 +89,7 @@ def four_bars_in_series(count: int) -> Mechanism:
     return read("\n".join(lines))
 
 
+@pytest.mark.slow
 def test_seven_revolutes() -> None:
     assert ec.base_structure(read(SEVEN_REVOLUTES)).rank == 27
 

@@ -85,7 +85,7 @@ def test_preferred_parameters_become_representatives() -> None:
 @pytest.mark.parametrize(
     "robot",
     slow_unless(
-        [arms.double_pendulum, arms.helical],
+        [arms.double_pendulum],
         [arms.double_pendulum, arms.stanford, arms.helical],
     ),
 )

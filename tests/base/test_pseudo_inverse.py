@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy
-from hypothesis import given, settings
+from hypothesis import given
 
 import echelon as ec
 from echelon.base.pseudo_inverse import pseudo_inverse
@@ -13,6 +13,7 @@ from echelon.shared.errors import ClosedFormError, InputError
 from support import textbook_arms as arms
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
+from support.selection import examples
 
 
 def example(name: str, **options: object) -> ec.BaseModel:
@@ -67,7 +68,7 @@ def test_theorem_for_every_kind_of_metric(metric: str) -> None:
     assert residual.applyfunc(sympy.cancel).is_zero_matrix
 
 
-@settings(max_examples=6, deadline=None)
+@examples(6)
 @given(mechanisms(3))
 def test_random_mechanisms(mechanism: ec.Mechanism) -> None:
     base = ec.base_parameters(mechanism)
@@ -95,6 +96,7 @@ def test_representatives_with_quotients() -> None:
     )
 
 
+@pytest.mark.slow
 def test_rx90_in_closed_form() -> None:
     base = example("rx90")
     values = {"D3": 0.45, "RL4": 0.4}

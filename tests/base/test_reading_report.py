@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 import echelon as ec
 from echelon.base.numeric_ranks import numeric_ranks, ranks_of_matrix
@@ -20,6 +20,7 @@ from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
 from support.robot_files import robot_file
 from support.rounded_exports.verdict import names
+from support.selection import examples
 from support.zoo import ZOO
 
 
@@ -72,7 +73,7 @@ def test_float_ranks_of_loops_do_not_depend_on_the_unit_of_length() -> None:
     np.testing.assert_allclose(one[:8], other[:8], rtol=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(mechanisms())
 def test_random_mechanisms_with_joints_of_all_types(mechanism: ec.Mechanism) -> None:
     found = numeric_ranks(mechanism)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -35,6 +35,7 @@ from support.paths import ROOT
 from support.pinocchio_loops import Constrained
 from support.random_mechanisms import mechanisms
 from support.robot_files import robot_file
+from support.selection import examples
 
 MJCF = """
 <mujoco>
@@ -351,7 +352,7 @@ def test_positions_measured_at_motors_are_those_of_joints() -> None:
         ec.joint_side(mechanism, theta[:, :3])
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(mechanisms(), st.integers(0, 1000))
 def test_wrenches_of_random_mechanisms_are_pinocchios(
     mechanism: ec.Mechanism, seed: int

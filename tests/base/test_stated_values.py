@@ -100,6 +100,7 @@ def test_general_symbols_on_request_tell_both_counts() -> None:
     assert ec.base_structure(offset_arm()).rank == 9
 
 
+@pytest.mark.slow
 def test_a_parallelogram_by_equal_values() -> None:
     base = ec.base_parameters(read(PARALLELOGRAM))
     assert base.rank == 3

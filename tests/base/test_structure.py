@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -32,6 +32,7 @@ from echelon.shared.errors import DegenerateSampleError
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.random_mechanisms import mechanisms
+from support.selection import examples
 
 H = "pi/2"
 
@@ -153,7 +154,7 @@ def test_spherical_joint_on_the_ground() -> None:
     assert rank(arms.tree("top", body, gravity=None)) == 6
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(
     st.lists(
         st.tuples(st.sampled_from("RPS"), st.integers(0, 9), st.integers(0, 2)),
@@ -388,7 +389,7 @@ def ratio(arm: Mechanism, coordinate: str, leader: str) -> float:
     return sum(f.floats(0, {})[1] for name, f in terms if name == leader)
 
 
-@settings(max_examples=60)
+@examples(30)
 @given(mechanisms(3))
 def test_random_mechanisms_against_singular_values(mechanism: Mechanism) -> None:
     if mechanism.velocities and mechanism.parameters:

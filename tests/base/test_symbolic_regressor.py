@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from hypothesis import given, settings
+from hypothesis import given
 from typer.testing import CliRunner
 
 import echelon as ec
@@ -20,7 +20,7 @@ from echelon.shared.errors import ClosedFormError, InputError
 from support import textbook_arms as arms
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
-from support.selection import one_in
+from support.selection import examples, one_in
 
 
 def example(name: str) -> ec.BaseModel:
@@ -96,8 +96,8 @@ def test_double_pendulum_as_in_textbooks() -> None:
     one_in(
         2,
         [
-            "floating_tree",
             "cart_pole",
+            "floating_tree",
             "gripper_coupled",
             "loops/../rx90",
             "scara",
@@ -144,7 +144,7 @@ def test_axes_that_point_against_each_other() -> None:
     check(base, found)
 
 
-@settings(max_examples=8, deadline=None)
+@examples(4)
 @given(mechanisms(2))
 def test_random_mechanisms(mechanism: ec.Mechanism) -> None:
     base = ec.base_parameters(mechanism)

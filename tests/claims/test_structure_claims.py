@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -30,6 +30,7 @@ from echelon.robot.joint import (
 from echelon.robot.mechanism import Actuator, Cut, Force, Mechanism, Output
 from support import textbook_arms as arms
 from support.random_mechanisms import mechanisms
+from support.selection import examples, one_in
 
 KINDS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 ONE = Polynomial.constant(1)
@@ -108,7 +109,7 @@ def test_mount_on_a_parent_that_carries_some_parameters(
 
 
 @pytest.mark.parametrize("some", ["M", "MX MY MZ M", "ZZ", "XX YY ZZ", ""])
-@pytest.mark.parametrize("others", ["*", "MX M"])
+@pytest.mark.parametrize("others", one_in(2, ["*", "MX M"]))
 @pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_equal_joints_on_bodies_that_carry_different_parameters(
     some: str, others: str, which: int
@@ -129,7 +130,7 @@ def test_two_point_masses_of_which_one_is_offset() -> None:
     assert [str(e) for e in base.expressions] == ["M1 + M2", "M3", "M4"]
 
 
-@settings(max_examples=25)
+@examples(10)
 @given(mechanisms(4), st.data())
 def test_random_trees_that_carry_some_parameters(
     mechanism: Mechanism, data: st.DataObject
@@ -169,7 +170,7 @@ def sensed(draw: st.DrawFn) -> Mechanism:
     return replace(mechanism, measured=tuple(outputs))
 
 
-@settings(max_examples=25)
+@examples(10)
 @given(sensed())
 def test_random_trees_with_sensors(mechanism: Mechanism) -> None:
     agree(mechanism)
@@ -239,13 +240,13 @@ def affected(draw: st.DrawFn) -> Mechanism:
     return replace(mechanism, effects=tuple(effects))
 
 
-@settings(max_examples=25)
+@examples(10)
 @given(affected())
 def test_random_trees_with_effects(mechanism: Mechanism) -> None:
     agree(mechanism)
 
 
-@settings(max_examples=25)
+@examples(10)
 @given(mechanisms(5))
 def test_random_trees_with_couplings_and_massless_bodies(mechanism: Mechanism) -> None:
     agree(mechanism)
@@ -314,7 +315,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("make", CASES)
-@pytest.mark.parametrize("gravity", [arms.DOWN, arms.GENERIC, None])
+@pytest.mark.parametrize("gravity", one_in(2, [arms.DOWN, arms.GENERIC, None]))
 def test_special_trees(make: Callable[..., Mechanism], gravity: str | None) -> None:
     mechanism = arms.planar(4) if make is arms.planar else make()
     agree(replace(mechanism, gravity=arms.vector(gravity)))

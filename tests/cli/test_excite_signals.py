@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from support.paths import EXAMPLES
+from support.selection import slow_unless
 
 LONG = (
     "excite",
@@ -27,7 +28,7 @@ LONG = (
 
 
 def searching(folder: Path) -> subprocess.Popen[str]:
-    """A command that has begun to search."""
+    """A command in the middle of its search."""
     command = [sys.executable, "-m", "echelon", *LONG]
     process = subprocess.Popen(
         command,
@@ -45,7 +46,9 @@ def searching(folder: Path) -> subprocess.Popen[str]:
     raise AssertionError(process.communicate())
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", slow_unless([signal.SIGINT], [signal.SIGTERM, signal.SIGINT])
+)
 def test_the_first_signal_ends_with_a_motion_that_was_checked(
     tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -62,6 +65,7 @@ def test_the_first_signal_ends_with_a_motion_that_was_checked(
     assert {start["status"] for start in document["starts"]} == {"stopped"}
 
 
+@pytest.mark.slow
 def test_the_second_signal_ends_at_once_and_nothing_is_written(tmp_path: Path) -> None:
     process = searching(tmp_path)
     process.send_signal(signal.SIGINT)

@@ -122,7 +122,8 @@ def check_moments(name: str, folder: Path, moments: int) -> None:
     )  # what is left counts as the command's own
 
 
-@pytest.mark.parametrize("name", slow_unless(["derive"], ["derive", "generate"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["derive", "generate"])
 def test_signals_at_a_few_moments(folder: Path, name: str) -> None:
     check_moments(name, folder, 2)
 

@@ -18,6 +18,12 @@ from support.every_command import COMMANDS, LANGUAGES, SCHEMAS, write_inputs
 from support.paths import ROOT, TESTS
 
 LONG = {
+    "excite",
+    "identify",
+    "predict",
+    "loop",
+    "structure-loop",
+    "latex",
     "excite-json",
     "excite-loop",
     "complement",

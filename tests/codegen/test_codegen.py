@@ -28,6 +28,7 @@ from echelon.loops.assembly import Assembly
 from echelon.shared.errors import InputError
 from support import generated_code as generated
 from support.paths import ROOT
+from support.selection import one_in, slow_unless
 
 Floats = npt.NDArray[Any]
 LARGE = (1e-300, 1e2, -3e3, 99_999.5, 1e5, -1e5 - 1, 1e7, -1e12, 1e22)
@@ -182,10 +183,7 @@ def cases() -> Iterator[object]:
     """All targets with all robots; compilers take their time."""
     for target in generated.RUNNERS:
         for name in ROBOTS:
-            slow = name not in QUICK and (target, name) not in (
-                ("c", "panda"),
-                ("python", "coupled_arm"),
-            )
+            slow = name not in QUICK and (target, name) != ("python", "coupled_arm")
             yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
 
 
@@ -258,7 +256,12 @@ PARAMETERS = dict(
 )
 
 
-@pytest.mark.parametrize("target", generated.RUNNERS)
+@pytest.mark.parametrize(
+    "target",
+    slow_unless(
+        lambda target: target not in ("jax", "matlab", "cuda"), generated.RUNNERS
+    ),
+)
 def test_single_precision(target: str, tmp_path: Path) -> None:
     source = generate(
         ROBOTS["double_pendulum"](), target, list(ALL), precision="single"
@@ -289,8 +292,11 @@ def base(name: str) -> ec.BaseModel:
 
 
 def symbol_cases() -> list[object]:
-    quick = [(target, "double_pendulum") for target in generated.RUNNERS]
-    return [*quick, ("c", "panda"), ("python", "rx90")]
+    quick = {("python", "rx90")}
+    quick |= {(target, "double_pendulum") for target in generated.RUNNERS}
+    quick -= {("cuda", "double_pendulum"), ("matlab", "double_pendulum")}
+    pendulums = [(target, "double_pendulum") for target in generated.RUNNERS]
+    return slow_unless(quick, [*pendulums, ("c", "panda"), ("python", "rx90")])
 
 
 @pytest.mark.parametrize(("target", "name"), symbol_cases())
@@ -419,7 +425,7 @@ def ulps(x: float, found: float, cosine: bool) -> float:
     return abs(float((flint.arb(found) - exact) / np.spacing(abs(float(exact)))))
 
 
-@pytest.mark.parametrize(("target", "flags"), BUILDS)
+@pytest.mark.parametrize(("target", "flags"), one_in(2, BUILDS))
 def test_errors_in_units_in_the_last_place(
     target: str, flags: tuple[str, ...], tmp_path: Path
 ) -> None:
@@ -451,7 +457,7 @@ def test_errors_in_units_in_the_last_place(
     assert max(cosines) < 2
 
 
-@pytest.mark.parametrize(("target", "flags"), BUILDS)
+@pytest.mark.parametrize(("target", "flags"), one_in(2, BUILDS))
 def test_the_library_takes_over(
     target: str, flags: tuple[str, ...], tmp_path: Path
 ) -> None:

@@ -35,6 +35,7 @@ from support import generated_code as generated
 from support import textbook_arms as arms
 from support.command_line import run
 from support.paths import ROOT, TESTS
+from support.selection import slow_unless
 from support.system_tools import tool
 from support.unchecked_names import unchecked_names
 
@@ -270,7 +271,7 @@ def test_refused(arguments: dict[str, object], message: str) -> None:
         generate(pendulum(), **arguments)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("precision", slow_unless(["double"], ["double", "single"]))
 def test_cuda_compiles(precision: str, tmp_path: Path) -> None:
     nvcc = tool("nvcc")
     source = generate(pendulum(), "cuda", list(FUNCTIONS), precision=precision)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -30,6 +30,7 @@ from support.float_functions import evaluate
 from support.float_regressor import FloatArray, random_states
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
+from support.selection import examples, one_in
 
 NAMES = (
     "inverse_dynamics",
@@ -67,6 +68,7 @@ def check_parts(
     )
 
 
+@examples(12)
 @given(mechanisms(), st.integers(0, 2**32))
 def test_parts_of_inverse_dynamics(mechanism: Mechanism, seed: int) -> None:
     columns = range(len(mechanism.parameters))
@@ -122,7 +124,7 @@ def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:
     return q
 
 
-@settings(max_examples=30)
+@examples(10)
 @given(mechanisms(most=3), st.integers(0, 2**32))
 def test_derivatives_by_an_imaginary_step(mechanism: Mechanism, seed: int) -> None:
     columns = range(len(mechanism.parameters))
@@ -339,7 +341,7 @@ def counted(function: Function) -> tuple[int, int, int]:
     return operations["ADD"] + operations["SUB"], operations["MUL"], operations["SIN"]
 
 
-@pytest.mark.parametrize("robot", ARMS)
+@pytest.mark.parametrize("robot", one_in(2, ARMS))
 @pytest.mark.parametrize("name", COUNTS["rx90"])
 def test_base_parameters(robot: str, name: str) -> None:
     mechanism, limits = ARMS[robot], COUNTS[robot][name]

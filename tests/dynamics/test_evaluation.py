@@ -22,6 +22,7 @@ from support.described_robots import EVERYTHING, SENSORS
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, random_states
 from support.paths import EXAMPLES
+from support.selection import slow_unless
 from support.small_kernels import same_bits
 
 SAMPLES = 11
@@ -90,11 +91,17 @@ class Case:
         return evaluate(made, self.mechanism, values)
 
 
+SUBSUMED = ("panda", "actuators, rotors and friction", "everything")
+"""Robots that have nothing that others do not have."""
 CURRENT = np.random.default_rng(8).normal(size=SAMPLES)
 
 
 @pytest.fixture(
-    scope="module", params=[*MODELS, "everything", "everything with sensors"]
+    scope="module",
+    params=slow_unless(
+        lambda name: name not in SUBSUMED,
+        [*MODELS, "everything", "everything with sensors"],
+    ),
 )
 def case(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory

@@ -20,6 +20,7 @@ from echelon.robot.effect import Action, Effect, Side
 from echelon.shared.errors import InputError
 from support import linkages
 from support.closed_motion import completed
+from support.derived import base_of
 from support.described_robots import sensed
 from support.float_regressor import FloatArray
 from support.paths import ROOT
@@ -58,21 +59,20 @@ def closed_well(mechanism: ec.Mechanism) -> tuple[FloatArray, FloatArray, FloatA
 class Case:
     """A base model, closed states with random motions, and random base parameters."""
 
-    def __init__(self, mechanism: ec.Mechanism) -> None:
-        self.mechanism = mechanism
-        self.base: BaseModel = ec.base_parameters(mechanism)
-        self.state = self.q, self.qd, self.qdd = closed_well(mechanism)
+    def __init__(self, base: BaseModel) -> None:
+        self.mechanism, self.base = base.mechanism, base
+        self.state = self.q, self.qd, self.qdd = closed_well(self.mechanism)
         self.values = np.random.default_rng(6).normal(size=self.base.rank)
 
 
 @cache
 def made(name: str) -> Case:
-    return Case(ec.load(LOOPS / f"{name}.yaml"))
+    return Case(base_of(f"loops/{name}"))
 
 
 def cases(*names: str) -> list[object]:
     return slow_unless(
-        lambda name: name not in ("bennett", "delta", "gough_stewart", "three_rps"),
+        ["four_bar", "parallelogram"],
         names,
     )
 
@@ -156,13 +156,14 @@ def test_other_lengths(four_bar: Case) -> None:
         four_bar.base.standard_regressor(*states)
 
 
+@pytest.mark.slow
 def test_effects_and_sensors() -> None:
     """Friction at a joint that is not driven, and the wrench in a bearing."""
     mechanism = sensed(linkages.rssr())
     friction = Effect(
         "Fv", "N·m·s/rad", (Action(mechanism.velocities[-1], Side.JOINT, "qd"),)
     )
-    case = Case(replace(mechanism, effects=(friction,)))
+    case = Case(ec.base_parameters(replace(mechanism, effects=(friction,))))
     x = evaluate_floats(virtual_power_form(case.mechanism), case.mechanism, *case.state)
     check(
         case.base.standard_regressor(*case.state), x, 1e-9

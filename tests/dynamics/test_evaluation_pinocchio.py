@@ -1,4 +1,4 @@
-"""What base models compute from base parameters against Pinocchio's dynamics with the inertias of the files."""
+"""Dynamics from base parameters against Pinocchio's dynamics from the inertias in the files."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from support.robot_files import (
     pinocchio_state,
     robot_file,
 )
+from support.selection import slow_unless
 
 SAMPLES = 9
 FIXED = ("ur10_robot", "panda", "xarm7", "z1")
@@ -65,10 +66,15 @@ class Case:
 
 
 made = cache(Case)
+LONG = ("panda", "xarm7", "a1")
 
 
 @pytest.fixture(
-    params=ROBOTS, ids=lambda pair: pair[0] + (" floating" if pair[1] else "")
+    params=[
+        pytest.param(pair, marks=[pytest.mark.slow] * (pair[0] in LONG))
+        for pair in ROBOTS
+    ],
+    ids=lambda pair: pair[0] + (" floating" if pair[1] else ""),
 )
 def case(request: pytest.FixtureRequest) -> Case:
     return made(*request.param)
@@ -112,7 +118,7 @@ def test_effects_of_a_plain_robot(case: Case) -> None:
     assert not case.base.effects(case.q, case.qd, case.values).any()
 
 
-@pytest.mark.parametrize("name", FIXED)
+@pytest.mark.parametrize("name", slow_unless(lambda name: name not in LONG, FIXED))
 def test_derivatives(name: str) -> None:
     case = made(name, False)
     found = case.base.inverse_dynamics_derivatives(*case.state, case.values)

@@ -43,7 +43,7 @@ def test_some_files_are_fast() -> None:
     assert sum(joints(name) <= FEW for name in robot_files()) >= 10
 
 
-@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("floating", slow_unless([False], [False, True]))
 @pytest.mark.parametrize("name", cases())
 def test_regressors_equal_pinocchio(name: str, floating: bool) -> None:
     # nothing is snapped, so both programs see the numbers of the file; Pinocchio ignores mimic elements

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -19,6 +19,7 @@ from support.float_regressor import random_states
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file
+from support.selection import examples
 from support.textbook_poses import pose_of
 
 ROBOTS = [
@@ -87,7 +88,7 @@ def by_hand(mechanism: Mechanism, q: Floats) -> Floats:
     return np.array(poses)[:, :3]
 
 
-@settings(max_examples=25, deadline=None)
+@examples(10)
 @given(mechanisms(), st.integers(0, 2**32 - 1))
 def test_frames_of_random_trees(mechanism: Mechanism, seed: int) -> None:
     q, _, _ = random_states(mechanism, 2, seed)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.algebra.exact.ansatz import sections
@@ -20,6 +20,7 @@ from echelon.algebra.exact.polynomial import Polynomial
 from echelon.algebra.exact.rational import RationalFunction
 from echelon.algebra.exact.unknown_functions import UnknownFunctions, Work
 from echelon.shared.errors import ClosedFormError, DegenerateSampleError
+from support.selection import examples
 
 LENGTHS, ANGLES, OTHERS = ("d", "r", "l3"), ("a", "b"), ("g", "k")
 
@@ -131,7 +132,7 @@ def _linear_combination(coefficients: Iterable[Any]) -> str:
     )
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(
     st.lists(st.fractions(max_denominator=10**9), min_size=4, max_size=4),
     st.integers(0, 99),
@@ -225,7 +226,7 @@ def test_undeclared_roots_are_left_open() -> None:
 _integers = st.lists(st.integers(-50, 50), min_size=1, max_size=5).filter(any)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(_integers, _integers, st.integers(0, 99))
 def test_degrees_and_denominator_along_a_line(
     top: list[int], bottom: list[int], seed: int
@@ -299,7 +300,7 @@ _denominators = st.sampled_from(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(_sums, _denominators, st.integers(0, 99))
 def test_random_quotients_are_found(top: str, bottom: str, seed: int) -> None:
     """No length is declared here, so that the terms may have any degrees."""

@@ -186,7 +186,7 @@ def random_places(
 
 
 def segment_distance(a: Floats, b: Floats, c: Floats, d: Floats) -> float:
-    """Of two segments, on a fine grid of both that is refined once about its best point."""
+    """Distance of two segments, by a grid on both that is refined about its best point."""
     s = t = np.linspace(0, 1, 201)
     for _ in range(4):
         gaps = np.linalg.norm(
@@ -330,7 +330,7 @@ def test_old_versions_of_mujoco_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def differences(clearance: Clearance, q: Floats, step: float) -> Floats:
-    """Of fourth order, shape (N, m, n)."""
+    """Central differences of fourth order by the positions, shape (N, m, n)."""
     columns = []
     for k in range(q.shape[1]):
         e = step * np.eye(q.shape[1])[k]

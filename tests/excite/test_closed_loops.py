@@ -37,7 +37,6 @@ from support.closed_motion import completed
 from support.excitation_cases import slopes_by_state
 from support.excitation_loops import (
     CASES,
-    DERIVED,
     LOOPS,
     MECHANISMS,
     REDUNDANT,
@@ -72,7 +71,9 @@ def test_states_are_those_of_the_assembly(name: str) -> None:
         )
 
 
-@pytest.mark.parametrize("name", slow_unless(lambda name: name != "three_rps", DERIVED))
+@pytest.mark.parametrize(
+    "name", slow_unless(["slider-crank", "parallelogram"], MECHANISMS)
+)
 def test_entries_are_those_of_the_base_model(name: str) -> None:
     made = regressor(name)
     state = states(made.motion)
@@ -92,7 +93,9 @@ def test_redundant_equations_are_among_the_cases() -> None:
         )
 
 
-@pytest.mark.parametrize("name", slow_unless(lambda name: name != "three_rps", DERIVED))
+@pytest.mark.parametrize(
+    "name", slow_unless(["slider-crank", "parallelogram"], MECHANISMS)
+)
 def test_pulled_derivatives_are_those_of_differences(name: str) -> None:
     made = regressor(name, 0.02)
     state = states(made.motion)
@@ -144,17 +147,17 @@ def test_slopes_of_limits_are_those_of_differences(
     assert np.abs(found["q"][:, 0]).max() > 1e-3  # openness does change
 
 
-def test_uncertain_efforts_are_those_of_the_base_model() -> None:
-    robot, model = (
-        mechanism("three_rps"),
-        identified("three_rps", np.random.default_rng(8)),
-    )
+@pytest.mark.parametrize(
+    "name", slow_unless(["slider-crank"], ["slider-crank", "three_rps"])
+)
+def test_uncertain_efforts_are_those_of_the_base_model(name: str) -> None:
+    robot, model = mechanism(name), identified(name, np.random.default_rng(8))
     limited = [EffortLimit(output.name, output.unit, 10.0) for output in robot.outputs]
     limits = loop_limits(
         LoopMotion(robot), [effort_limits(robot, limited, model, 0.1, None)]
     )
     state = states(limits.motion)
-    X = base("three_rps").regressor(*state.values())
+    X = base(name).regressor(*state.values())
     std = np.sqrt(np.einsum("nik,kl,nil->ni", X, model.covariance, X))
     found = limits.values(*state.values())[:, 1:]
     np.testing.assert_allclose(found[:, ::2], X @ model.values + 2 * std, rtol=1e-6)
@@ -213,6 +216,7 @@ def test_what_cannot_be_closed_counts_nothing() -> None:
         assert not part[~closed.done].any()
 
 
+@pytest.mark.slow
 def test_samples_fade_out_towards_singular_poses() -> None:
     """Entries do not jump where the loops cease to close, and their derivatives are exact where they fade."""
     made, _ = beyond()
@@ -254,6 +258,7 @@ def test_the_way_back_is_told() -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_was_found_does_not_depend_on_what_was_asked_before() -> None:
     made, state = beyond()
     fresh = made.motion.positioned(state["q"])

@@ -28,6 +28,7 @@ from echelon.shared.choices import Optimality
 from echelon.shared.errors import InputError
 from support.excitation_cases import Floats, slope_along, slopes_by_state
 from support.paths import EXAMPLES
+from support.selection import slow_unless
 
 SMOOTH = 0.1
 
@@ -53,7 +54,10 @@ modified_dh:
   - {joint: revolute}
 effects: [{type: coulomb, at: all}, {type: viscous, at: all}]
 """
-ROBOTS = ("ur10", "panda", "tx40", "scara", "stanford", "wrench")
+ROBOTS = slow_unless(
+    lambda name: name not in ("ur10", "panda"),
+    ("ur10", "panda", "tx40", "scara", "stanford", "wrench"),
+)
 
 
 @cache

@@ -37,6 +37,7 @@ from support.excited_arm import (
     sines,
 )
 from support.paths import ROOT
+from support.selection import slow_unless
 
 # -- what was promised -------------------------------------------------------------------------------------------------
 
@@ -97,6 +98,7 @@ def test_a_log_gives_intervals_of_the_predicted_size(tmp_path: Path) -> None:
     assert np.mean(errors**2) == pytest.approx(1, abs=0.7)
 
 
+@pytest.mark.slow
 def test_the_robot_stays_near_the_trajectory() -> None:
     """Otherwise its log would not be one of the trajectory that was designed."""
     motion, trajectory = (
@@ -229,17 +231,21 @@ def test_a_complement_of_a_one_sided_log() -> None:
         assert ratio.mean() > 1.1
 
 
-def test_information_of_a_log_is_that_of_its_trajectory(tmp_path: Path) -> None:
+@pytest.mark.parametrize("designed", slow_unless([False], [False, True]))
+def test_information_of_a_log_is_that_of_its_trajectory(
+    designed: bool, tmp_path: Path
+) -> None:
     """Filters and decimation take away rows and noise alike."""
+    trajectory = excited().trajectory if designed else random_motion(100)
     log = ARM.log(
-        followed(excited().trajectory),
+        followed(trajectory),
         tmp_path / "run",
         known().base.mechanism,
         0,
         ENCODER,
     )
     ratio = np.diag(ec.information_of_logs(known().setup, [log])) / np.diag(
-        rows(excited().trajectory).information
+        rows(trajectory).information
     )
     assert ratio == pytest.approx(1, abs=0.15)
 
@@ -247,6 +253,7 @@ def test_information_of_a_log_is_that_of_its_trajectory(tmp_path: Path) -> None:
 # -- more data ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_repetitions_shrink_deviations_by_their_root() -> None:
     predicted = np.array(excited().conditioning.std)
     spread = rows(excited().trajectory, 4).estimates(SEEDS).std(axis=0, ddof=1)
@@ -281,7 +288,7 @@ def test_logs_of_repetitions(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_page_shows_what_the_example_prints() -> None:
-    """The same words, and numbers that differ no more than those of two platforms.
+    """The words agree, and numbers differ no more than between two platforms.
 
     Where numbers are rounded otherwise, the search may end at another optimum, about as good, where other
     limits bind.

@@ -124,6 +124,7 @@ def test_boxes_by_pinocchio_hold_a_ball_about_the_flange() -> None:
             assert reached[axis].largest >= p[:, k].max() - 1e-12
 
 
+@pytest.mark.slow
 def test_conditioning_is_that_of_pinocchios_regressor() -> None:
     """Standard parameters by Pinocchio, friction by its formula, and the base by the pivots."""
     file = robot_file("ur10_robot")
@@ -184,7 +185,7 @@ CLEARANCE = 0.03
     ("stated", "rate"),
     [
         pytest.param("by the file", 10_000, marks=pytest.mark.slow),
-        ("by the set-up", 1000),
+        pytest.param("by the set-up", 1000, marks=pytest.mark.slow),
     ],
 )
 def test_distances_by_mujoco_keep_the_clearance(

@@ -176,7 +176,7 @@ def test_conditioning_and_deviations_are_those_of_equations_by_hand() -> None:
 
 
 def test_information_at_hand_is_complemented() -> None:
-    """What is known well needs no motion: of the rest the new motion shows more than the one for everything."""
+    """A motion need not show parameters known already: it shows more of the others than one designed for all."""
     known = 1e6 * np.diag([1.0, 1, 1, 0, 0, 0])
     plain, found = swung("fourier"), design(PENDULUM, prior_information=known, **SWING)
     assert [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import null_space, orth, subspace_angles
 
@@ -18,6 +18,7 @@ from echelon.excite.problem.trajectory import (
     uniform_splines,
 )
 from support.excitation_cases import Floats, families, random_motion, slope_along
+from support.selection import examples
 
 NAMES = sorted(families())
 ORDERS = range(5)
@@ -173,7 +174,7 @@ def test_what_families_say_of_themselves() -> None:
 # -- bounds ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     st.sampled_from(NAMES),
     st.integers(0, 4),

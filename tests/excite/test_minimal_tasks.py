@@ -143,6 +143,7 @@ def test_meshes_that_cannot_be_read_are_refused_with_the_ways_out_or_replaced(
     assert any(margin.label.startswith("distance of ") for margin in found.margins)
 
 
+@pytest.mark.slow
 def test_a_robot_file_and_a_task_of_it_have_the_same_parameters(tmp_path: Path) -> None:
     few = {
         "starts": 1,

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
@@ -19,6 +19,7 @@ from echelon.excite.files.samples import sampled, yaml_text
 from echelon.excite.files.trajectory_file import read_trajectory, write_trajectory
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.shared.errors import InputError
+from support.selection import examples
 from support.trajectory_motions import KIND, NAMES, SPEED, UNITS, WAVE, T, smooth
 
 # -- our own -----------------------------------------------------------------------------------------------------------
@@ -269,10 +270,10 @@ awkward = st.text(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(names=st.lists(awkward, min_size=2, max_size=2, unique=True))
 def test_names_of_joints_survive_yaml(names: list[str]) -> None:
-    """Those that YAML would take for numbers, truth values or syntax, too."""
+    """Names that YAML would take for numbers, truth values or syntax are quoted."""
     text = yaml_text(
         sampled(
             Trajectory(tuple(names), UNITS, smooth().basis, smooth().coefficients), 4

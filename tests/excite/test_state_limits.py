@@ -45,6 +45,7 @@ from support.excitation_cases import (
 )
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import EXAMPLES
+from support.report_data import identification
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file
 from support.simulated_results import Result, result_of
 
@@ -86,7 +87,7 @@ def test_torques_with_friction() -> None:
 
 
 def test_torques_of_motors() -> None:
-    """What a motor gives times its ratios is what its joints need: Tᵀ τ_m = τ, without friction."""
+    """Motor torques τ_m balance the joint torques τ through the gear ratios T: Tᵀ τ_m = τ, without friction."""
     mechanism = ec.load(EXAMPLES / "tx40.yaml")
     _, standard = tx40_standard()
     standard[60:] = 0
@@ -497,7 +498,7 @@ def careful() -> ec.ExcitingTrajectory:
 
 @pytest.mark.slow
 def test_torques_of_robots_that_the_data_allow_stay_below_limits() -> None:
-    """Of robots drawn from the confidence region; by the estimate alone a half of them would break a limit."""
+    """Robots are drawn from the confidence region; a motion for the estimate alone breaks limits of half of them."""
     found = careful()
     labels = {margin.label for margin in found.margins if margin.active}
     assert any(label.endswith("deviations") for label in labels)
@@ -531,19 +532,22 @@ def test_draws_of_the_model_break_limits_as_rarely_as_deviations_say() -> None:
     assert beyond.mean() < 0.05
 
 
-def test_a_model_of_another_robot_is_refused() -> None:
+def test_a_model_of_another_robot_is_refused(tmp_path: Path) -> None:
+    ec.save_identification(identification("cart_pole"), tmp_path / "model.json")
     setup = ec.load_setup("examples/double_pendulum.yaml")
     with pytest.raises(InputError, match=r"model\.json has other base parameters"):
         ec.exciting_trajectory(
             setup,
-            model=str(arm().folder / "model.json"),
+            model=str(tmp_path / "model.json"),
             limits={"position": [-1, 1], "velocity": 1, "effort": 1},
         )
 
 
 def test_a_model_that_does_not_exist_is_named() -> None:
+    setup = ec.load_setup("examples/double_pendulum.yaml")
+    limits = {"position": [-1, 1], "velocity": 1, "effort": 1}
     with pytest.raises(InputError, match=r"nowhere\.json.*cannot be read"):
-        designed(model="nowhere.json")
+        ec.exciting_trajectory(setup, model="nowhere.json", limits=limits)
 
 
 def test_a_model_that_does_not_determine_torques_is_refused() -> None:

@@ -236,7 +236,7 @@ def trajectory(request: pytest.FixtureRequest) -> Trajectory:
 
 
 def by_formula(record: dict[str, Any], name: str, t: Any) -> Any:
-    """What a motion's 'meaning' says, from the document alone."""
+    """Position of a joint at a time by the formula in a document's 'meaning', from the document alone."""
     if record["family"] == "sum":
         return sum(by_formula(part, name, t) for part in record["parts"])
     if record["family"] == "splines":

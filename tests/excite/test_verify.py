@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -35,7 +35,7 @@ from echelon.excite.verify import (
 from echelon.shared.errors import InputError
 from support.excitation_cases import Floats, all_limits, families, random_motion
 from support.excitation_loops import limited, motion_of
-from support.selection import one_in
+from support.selection import examples, one_in
 from support.shaped_robots import motion, planar, random_arm, spheres
 
 RATE = 10_000
@@ -83,7 +83,7 @@ def test_cells_hold_a_parabola_exactly() -> None:
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("case", range(3))
+@pytest.mark.parametrize("case", one_in(3, range(3)))
 def test_bounds_contain_all_samples(case: int, name: str) -> None:
     limits = limits_of(case)
     motion = moving(families(2.0)[name], limits, 0.15)
@@ -223,7 +223,7 @@ def test_first_cells_may_be_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 # -- the motion itself -------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     st.sampled_from(sorted(families())), st.integers(0, 3), st.integers(0, 2**32 - 1)
 )

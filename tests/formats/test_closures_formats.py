@@ -22,7 +22,7 @@ from echelon.robot.mechanism import Mechanism
 from support.descriptions import read_description
 from support.loop_frames import frames, matrix, position, residual
 from support.paths import ROOT
-from support.selection import slow_unless
+from support.selection import one_in, slow_unless
 from support.textbook_poses import Array, turned
 
 EXAMPLES = sorted((ROOT / "examples/loops").iterdir())
@@ -71,7 +71,7 @@ loops:
 """
 
 
-@pytest.mark.parametrize("kind", ClosureKind)
+@pytest.mark.parametrize("kind", one_in(3, ClosureKind))
 def test_the_second_frame_is_where_the_first_one_is_at_zero(kind: ClosureKind) -> None:
     loop = f"  - {{joint: {kind.value}, connects: [arm, two], at: {{xyz: [0.1, 0.2, l], rpy: [a, 0.2, 0]}}}}\n"
     mechanism = read(PAIR + loop)
@@ -348,6 +348,7 @@ def test_examples_close_and_are_read_again(file: Path) -> None:
     check_round_trip(mechanism)
 
 
+@pytest.mark.slow
 def test_saved_sets_keep_their_loops(tmp_path: Path) -> None:
     base = ec.base_parameters(read(BAR))
     ec.save_base(base, tmp_path / "base.json")

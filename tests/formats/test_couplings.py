@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial as Powers
 from scipy.interpolate import CubicSpline
@@ -26,6 +26,7 @@ from support.descriptions import read_description
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.pinocchio_loops import Constrained
+from support.selection import examples, one_in
 
 POINTS = [
     [-2, 0.03],
@@ -221,7 +222,8 @@ def test_forces_are_those_of_pinocchio() -> None:
 
 
 @pytest.mark.parametrize(
-    ("base", "ball"), [("", False), ("floating_base: true", False), ("", True)]
+    ("base", "ball"),
+    one_in(3, [("", True), ("", False), ("floating_base: true", False)]),
 )
 def test_functions_fit_together(base: str, ball: bool) -> None:
     """The mass matrix and the parts of the inverse dynamics, and its derivatives by an imaginary step."""
@@ -451,7 +453,7 @@ def test_refusals(case: str) -> None:
     assert "leg.yaml" in str(caught.value)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.lists(fractions, min_size=1, max_size=4), st.integers(0, 1000))
 def test_random_polynomials_against_the_free_tree(a: list[Fraction], seed: int) -> None:
     powers = " + ".join(f"({c})*knee^{k}" for k, c in enumerate(a, start=1))

@@ -15,6 +15,7 @@ from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
 from support.mjcf_models import model
 from support.mujoco_loops import Array, Equalities, null_space
+from support.selection import slow_unless
 
 _INERTIA = (
     '<inertial pos="0.001 0.002 0.003" mass="0.02" diaginertia="2e-6 2.1e-6 2.2e-6"/>'
@@ -64,7 +65,7 @@ RANKS = {
 }
 
 
-@pytest.mark.parametrize("name", RANKS)
+@pytest.mark.parametrize("name", slow_unless(["parallelogram, untied"], RANKS))
 def test_ranks_are_those_at_closed_states(name: str) -> None:
     robot = RobotFile.of(HANDS[name].encode(), "hand.xml").mechanism(ReadingOptions())
     assert ec.base_parameters(robot).rank == RANKS[name]

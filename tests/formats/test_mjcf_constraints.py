@@ -16,7 +16,7 @@ from echelon.robot.mechanism import Mechanism
 from echelon.robot.stated import known_values
 from support.mjcf_models import INERTIA, model, random_model
 from support.mujoco_loops import Array, Equalities, null_space
-from support.selection import slow_unless
+from support.selection import one_in, slow_unless
 
 _DIGITS = 1e-9
 
@@ -109,14 +109,14 @@ UNCLOSED = {2, 7, 8, 9, 12, 13, 15, 16, 17, 18, 21, 25, 26, 33, 38}
 
 @pytest.mark.usefixtures("unclosed")
 @pytest.mark.parametrize(
-    "seed", slow_unless(range(20), sorted(set(range(40)) - UNCLOSED))
+    "seed", slow_unless(range(12), sorted(set(range(40)) - UNCLOSED))
 )
 def test_loops_allow_the_motions_that_mujoco_allows(seed: int) -> None:
     check(random_model(seed, loops=True), seed)
 
 
 @pytest.mark.usefixtures("unclosed")
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", one_in(3, range(25)))
 def test_couplings_allow_the_motions_that_mujoco_allows(seed: int) -> None:
     check(random_model(seed, loops=False), seed)
 
@@ -141,9 +141,7 @@ COUPLED = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", slow_unless(["a ratio of nine digits", "a tendon"], COUPLED)
-)
+@pytest.mark.parametrize("name", slow_unless(["a rack"], COUPLED))
 def test_couplings_act_away_from_the_reference_pose(name: str, tmp_path: Path) -> None:
     head = '<compiler angle="radian"/><default><joint axis="0 0 1"/></default>'
     home = f'<keyframe><key name="home" qpos="{" ".join(map(str, HOME))}"/></keyframe>'

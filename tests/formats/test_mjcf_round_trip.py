@@ -119,6 +119,7 @@ FRESH = tuple(s[::40] for s in fourier(np.random.default_rng(5), 3, 0.9))
             False,
             "",
             id="all with springs",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             "armature=0.5",
@@ -148,6 +149,7 @@ def test_the_written_file_predicts_better(
     assert (after < 0.02 * exact.std(axis=0)).all()
 
 
+@pytest.mark.slow
 def test_armatures_that_are_no_effects_are_in_the_inertias_alone(
     tmp_path: Path,
 ) -> None:
@@ -171,6 +173,7 @@ GANTRY = """<mujoco><worldbody><body><joint name="a" type="slide" axis="1 0 0" {
     <inertial pos="0 0 0" mass="{2}" diaginertia="1 1 1"/></body></body></body></worldbody></mujoco>"""
 
 
+@pytest.mark.slow
 def test_the_rotor_of_a_vertical_slide_is_not_lifted_by_an_offset(
     tmp_path: Path,
 ) -> None:

@@ -16,7 +16,7 @@ from echelon.robot.closure import ClosureKind
 from echelon.robot.joint import GROUND
 from echelon.robot.mechanism import Mechanism
 from support.loop_frames import residual
-from support.selection import one_in
+from support.selection import slow_unless
 from support.textbook_poses import Array, along, moved, pose_of, turned
 
 LITERAL = ReadingOptions(snap_tolerance=0)
@@ -162,7 +162,7 @@ def check_kinematics(
         np.testing.assert_allclose(found[k], expected[body.name], atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", one_in(2, range(10)))
+@pytest.mark.parametrize("seed", slow_unless([0, 2, 4, 6], range(10)))
 def test_links_are_where_their_poses_say(seed: int) -> None:
     known = RandomModel(seed)
     check_kinematics(
@@ -316,6 +316,7 @@ def oblique_bar(axis: str) -> str:
 BAR_POINTS = {"a": (0, 0, 0), "b": (0.1, 0.3, 0), "c": (0.5, 0.35, 0), "d": (0.4, 0, 0)}
 
 
+@pytest.mark.slow
 def test_a_loop_with_axes_in_the_frame_of_the_model_is_that_with_axes_of_links() -> (
     None
 ):

@@ -219,7 +219,7 @@ def test_chains_of_couplings_count_without_their_offsets(tmp_path: Path) -> None
         )
 
 
-@pytest.mark.parametrize("name", one_in(3, sorted(robot_files())))
+@pytest.mark.parametrize("name", one_in(7, sorted(robot_files())))
 def test_pinocchio_reads_the_same(name: str) -> None:
     file = robot_file(name)
     mechanism = ec.load(file, independent_mimics=True)

@@ -11,6 +11,7 @@ import echelon as ec
 from echelon.formats.robot_file import open_robot
 from echelon.formats.snapping import ReadingOptions
 from echelon.shared.errors import InputError
+from support.selection import slow_unless
 
 INERTIA = "<inertia ixx='0.01' iyy='0.02' izz='0.02' ixy='0' ixz='0' iyz='0'/>"
 
@@ -66,7 +67,9 @@ DIALECTS = {
 }
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize(
+    "dialect", slow_unless(lambda dialect: "," not in dialect, DIALECTS)
+)
 def test_a_loop_of_each_dialect_gives_the_set_of_the_description_beside_the_tree(
     dialect: str, tmp_path: Path
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 import echelon as ec
 from support.robot_files import robot_file
+from support.selection import slow_unless
 from support.simulated_motions import RATE, fourier
 from support.trap_logs import ROBOTS, arm, usual_log
 
@@ -29,9 +31,14 @@ LOAD = [0.02, 0, 0, 0.08, 0, 0.08, 0.2, 0, 0.05, 0.6]
 """Parameters that the payload adds to those of the last body."""
 
 
+@cache
+def base_of_arm() -> ec.BaseModel:
+    return ec.base_parameters(ec.load_setup(ARM).mechanism)
+
+
 def write_run(path: Path, seed: int, begin: float, loaded: slice) -> float:
     """Write a log whose stamps begin at some time, with a payload in some of its samples; its length, s."""
-    base = ec.base_parameters(ec.load_setup(ARM).mechanism)
+    base = base_of_arm()
     friction = [
         {"Fv": 2.0, "Fc": 1.5, "Fo": 0.3}[name[:2]] for name in base.parameters[30:]
     ]
@@ -55,7 +62,7 @@ def write_run(path: Path, seed: int, begin: float, loaded: slice) -> float:
 
 
 def changes(logs: list[Path]) -> list[str]:
-    """What is said of changes in logs that are all fitted."""
+    """Findings about changes between logs that are all fitted."""
     setup = ec.load_setup(ARM).with_settings(physical=False)
     return [
         finding.text
@@ -75,6 +82,7 @@ def test_time_is_that_of_the_stamps(tmp_path: Path) -> None:
     assert f"cut the log at {said[1]} s" in first
 
 
+@pytest.mark.slow
 def test_log_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
     bare, loaded = tmp_path / "bare.csv", tmp_path / "loaded.csv"
     write_run(bare, 1, 0.0, slice(0, 0))
@@ -88,6 +96,7 @@ def test_log_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_log_between_others_in_which_the_payload_is_is_named(tmp_path: Path) -> None:
     logs = [tmp_path / f"{name}.csv" for name in ("before", "loaded", "after")]
     for seed, log in enumerate(logs):
@@ -100,6 +109,7 @@ def test_log_between_others_in_which_the_payload_is_is_named(tmp_path: Path) -> 
     assert re.search(r"identify '.*loaded\.csv' and the other logs separately", first)
 
 
+@pytest.mark.slow
 def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
     bare, attached = tmp_path / "bare.csv", tmp_path / "attached.csv"
     write_run(bare, 1, 0.0, slice(0, 0))
@@ -114,12 +124,32 @@ def test_log_in_which_the_payload_is_attached_is_named(tmp_path: Path) -> None:
     assert re.search(rf"cut '.*attached\.csv' at {said[1]} s", first)
 
 
-@pytest.mark.parametrize("mass", [0.0, pytest.param(0.07, id="with a load")])
-def test_a_load_in_a_log_that_only_validates_is_named(mass: float) -> None:
+@pytest.mark.parametrize("loaded", slow_unless([True], [False, True]))
+def test_a_load_in_a_log_that_only_validates_is_named(
+    loaded: bool, tmp_path: Path
+) -> None:
+    bare, other = tmp_path / "bare.csv", tmp_path / "other.csv"
+    write_run(bare, 1, 0.0, slice(0, 0))
+    write_run(other, 3, 0.0, slice(None) if loaded else slice(0, 0))
+    setup = ec.load_setup(ARM).with_settings(physical=False)
+    assert said_of_loads(ec.identify(setup, [bare], [other]), "j3") == loaded
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", [0.0, 0.07])
+def test_a_load_of_a_large_arm_in_a_log_that_only_validates_is_named(
+    mass: float,
+) -> None:
     first, other = arm("ur10", 1), arm("ur10", 2)
     second = replace(first, q=other.q, qd=other.qd, qdd=other.qdd).with_load(mass)
     logs = [usual_log(some).columns for some in (first, second)]
-    found = ec.identify(robot_file(ROBOTS["ur10"]), *logs).findings
-    said = [f.text for f in found if f.kind in ("changes", "setup error")]
-    words = "in this log, other than in those that were fitted, 'wrist_3_link' carries another load"
-    assert said == ([words] if mass else [])
+    result = ec.identify(robot_file(ROBOTS["ur10"]), *logs)
+    assert said_of_loads(result, "wrist_3_link") == bool(mass)
+
+
+def said_of_loads(result: ec.Identification, body: str) -> bool:
+    """Whether another load of a body in the log that validates is the only finding of its kind; else there is none."""
+    said = [f.text for f in result.findings if f.kind in ("changes", "setup error")]
+    words = f"in this log, other than in those that were fitted, '{body}' carries another load"
+    assert said in ([], [words])
+    return bool(said)

@@ -1,4 +1,4 @@
-"""Clusters: strangers are kept out of our own, and one that is lost, or of another version, is a clear error."""
+"""Clusters: nobody else connects to a local one; one that is lost or of another version is a clear error."""
 
 from __future__ import annotations
 

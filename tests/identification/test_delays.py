@@ -26,7 +26,7 @@ def base() -> ec.BaseModel:
 def run(
     base: ec.BaseModel, delay: float, noise: float = 0.02, seed: int = 0
 ) -> Segment:
-    """A swing whose torques come late by so many seconds."""
+    """A swing whose torques lag the motion by a delay in seconds."""
     rates, phases = (
         np.array([[2.1, 5.3], [3.7, 6.1]]),
         np.array([[0.2, 1.9], [0.7, 2.3]]),

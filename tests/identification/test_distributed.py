@@ -20,7 +20,6 @@ from echelon.identification.saved.identified import identification_to_json
 from echelon.shared.errors import InputError
 from support.paths import TESTS
 from support.pendulum_logs import pendulum, write_logs
-from support.selection import slow_unless
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -29,7 +28,7 @@ LOGS = 8
 
 
 def same(a: Identification, b: Identification) -> None:
-    """The same model, to the last bit."""
+    """Two identifications agree to the last bit."""
     assert identification_to_json(a) == identification_to_json(b)
 
 
@@ -76,7 +75,10 @@ def test_two_processes_say_what_one_says(
     same(identify(pendulum(), [folder], client=client), alone)
 
 
-@pytest.mark.parametrize("memory", slow_unless([300_000], [0, 300_000, 1 << 28]))
+@pytest.mark.parametrize(
+    "memory",
+    [pytest.param(size, marks=pytest.mark.slow) for size in (0, 300_000, 1 << 28)],
+)
 def test_some_logs_are_kept_and_some_are_not(
     client: Client, folder: Path, memory: int
 ) -> None:
@@ -104,7 +106,7 @@ def test_other_estimators_say_the_same(
 
 @pytest.mark.slow
 def test_forty_logs_and_more_are_merged_in_a_tree(client: Client, folder: Path) -> None:
-    """From so many logs on R-factors are merged where they were made; the result is that of one process."""
+    """With forty logs or more, workers merge R-factors in a tree; the result is that of one process."""
     logs = [folder] * 6
     same(
         identify(pendulum(), logs, [folder / "run0.parquet"], client=client),
@@ -121,7 +123,7 @@ def _slowly(pause: float, item: int) -> tuple[int, int]:
 def test_a_worker_dies_midway(
     mortal: Client, folder: Path, alone: Identification
 ) -> None:
-    """What it had made is made again by others."""
+    """Other workers compute its results again."""
     pids = set(mortal.run(os.getpid).values())
     assert len(pids) == 2
     killed: list[int] = []

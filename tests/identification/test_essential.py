@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
 import echelon as ec
 from echelon.identification.estimators.essential import essential
 from support.observation_rows import ArrayRows
+from support.selection import examples
 
 TRUTH = np.array([3.0, 0.0, -2.0, 0.0, 0.5, 0.0])
 UNITS = ("kg",) * 6
@@ -44,7 +45,7 @@ def squares(A: np.ndarray, b: np.ndarray, kept: Sequence[int]) -> float:
     return float(np.sum((A[:, kept] @ x - b) ** 2))
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(st.integers(0, 10_000))
 def test_what_is_left_is_least_squares_of_what_is_left(seed: int) -> None:
     noise = (0.3, 3.0)
@@ -65,7 +66,7 @@ def test_what_is_left_is_least_squares_of_what_is_left(seed: int) -> None:
     np.testing.assert_allclose(found.noise, noise, rtol=0.25)
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(st.integers(0, 10_000))
 def test_every_step_of_the_history_is_the_best_one(seed: int) -> None:
     """Compare with elimination that fits every candidate anew."""

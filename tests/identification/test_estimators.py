@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -32,6 +32,7 @@ from support.estimation_problems import (
     serial,
 )
 from support.observation_rows import ArrayRows
+from support.selection import examples
 
 # -- least squares -----------------------------------------------------------------------------------------------------
 
@@ -206,7 +207,7 @@ def test_units_of_parameters_do_not_matter(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["irls", "huber", "instrumental", "clustered"])
 @given(exponents=st.tuples(*[st.integers(-5, 5)] * 3))
-@settings(max_examples=5)
+@examples(5)
 def test_units_of_outputs_do_not_matter(
     method: str, exponents: tuple[int, int, int]
 ) -> None:

@@ -1,4 +1,4 @@
-"""What data show: conditioning, variance inflation, and open combinations, against closed forms."""
+"""Excitation by data: conditioning, variance inflation and open combinations, against closed forms."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.identification.conditioning import conditioning, sensitivities
 from echelon.identification.estimators.estimate import sparse_basis
 from echelon.robot.effect import Side, ready_made
+from support.derived import base_of
 from support.linkages import four_bar
 from support.observation_rows import ArrayRows
+from support.selection import examples
 from support.textbook_arms import double_pendulum, spherical
 
 
@@ -44,7 +46,7 @@ def swings(
     return base.accumulate({**state, "y": y})
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(0, 1000), st.integers(2, 6))
 def test_independent_share_is_the_share_that_other_columns_do_not_explain(
     seed: int, n: int
@@ -194,7 +196,7 @@ def test_friction_is_told_by_speed_and_gains_by_currents() -> None:
 
 
 def test_loops_get_advice() -> None:
-    base = ec.base_parameters(four_bar())
+    base = base_of(four_bar)
     x = np.linspace(0.9, 1.1, 30)[:, None]
     y = np.zeros((30, len(base.mechanism.outputs)))
     found = conditioning(

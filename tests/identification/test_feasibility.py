@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -21,6 +21,7 @@ from echelon.identification.physics.feasibility import (
 )
 from echelon.shared.errors import InputError
 from support.physical_robots import is_physical, robot
+from support.selection import examples, slow_unless
 
 seeds = st.integers(0, 2**32 - 1)
 NAMES = (
@@ -64,7 +65,7 @@ def _all_positive(base: BaseModel, k: int) -> bool:
     return all(kind in (0, 3, 5, 9, None) and v > 0 for kind, v in kinds)
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(seeds, st.sampled_from(NAMES))
 def test_robots_that_exist_are_found(seed: int, name: str) -> None:
     base, role = model(name)
@@ -83,7 +84,7 @@ def test_robots_that_exist_are_found(seed: int, name: str) -> None:
     assert is_physical(role.blocks(found.standard)).all()
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(seeds, st.sampled_from(NAMES))
 def test_values_that_no_robot_has_are_told(seed: int, name: str) -> None:
     base, role = model(name)
@@ -124,7 +125,9 @@ def test_the_nearest_robot_of_a_cart_has_no_mass() -> None:
     assert is_physical(role.blocks(standard)).all()
 
 
-@pytest.mark.parametrize("name", ["panda", "floating_tree", "tx40"])
+@pytest.mark.parametrize(
+    "name", slow_unless(["floating_tree"], ["panda", "floating_tree", "tx40"])
+)
 def test_where_the_nearest_robot_is_the_answer_turns(name: str) -> None:
     base, role = model(name)
     rng = np.random.default_rng(3)
@@ -194,7 +197,10 @@ outputs: [{wrench: j3}, {joint: j2}]
 
 @pytest.mark.parametrize(
     "name",
-    ["rotor", "wrist", "loops/four_bar", "loops/parallelogram", "gripper_coupled"],
+    slow_unless(
+        lambda name: name != "loops/four_bar",
+        ["rotor", "wrist", "loops/four_bar", "loops/parallelogram", "gripper_coupled"],
+    ),
 )
 def test_all_kinds_of_set_ups(tmp_path: Path, name: str) -> None:
     if name in OTHERS:

@@ -54,7 +54,7 @@ class Problem:
 
     @property
     def beside(self) -> Beside:
-        """What is tested."""
+        """The object under test, made of the same rows as the tables."""
         held = HeldOut(Products.of(SIZE, self.rows), NOISE)
         return Beside(held, self.rows, self.states, self.terms)
 

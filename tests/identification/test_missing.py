@@ -11,9 +11,11 @@ import pytest
 
 import echelon as ec
 from echelon.identification.logs.finding import Finding
+from support.selection import one_in
 from support.simulated_models import Drive, Part
 from support.simulated_motions import RATE, fourier
-from support.simulated_systems import SYSTEMS, motion_of
+from support.simulated_robots import System
+from support.simulated_systems import SHORT_ARM, SYSTEMS, motion_of
 
 ARM = """{echelon: 1, name: arm, gravity: [0, 0, -9.81], modified_dh: [{joint: revolute},
   {joint: revolute, alpha: pi/2, a: 0.1}, {joint: revolute, a: 0.5}]"""
@@ -30,7 +32,7 @@ def missing(
     harmonics: int = 8,
     digits: int = 18,
 ) -> list[Finding]:
-    """What is said of a log of an arm whose second joint has an effect that the set-up does not list."""
+    """Findings about the log of an arm whose second joint has an effect that the set-up does not list."""
     columns = {
         "time": "t",
         "position": "q{n}",
@@ -116,7 +118,6 @@ PLANTED = {
     [
         "nothing",
         "load",
-        "ripple",
         *(pytest.param(n, marks=pytest.mark.slow) for n in PLANTED),
     ],
 )
@@ -141,6 +142,7 @@ def test_friction_that_follows_a_temperature(tmp_path: Path) -> None:
     assert "{type: temperature_friction, at: [j2]}" in found.text
 
 
+@pytest.mark.slow
 def test_rotors_that_are_left_out_are_the_first_remark(tmp_path: Path) -> None:
     """MuJoCo simulates an arm with geared motors."""
     system = SYSTEMS["arm"]
@@ -154,29 +156,36 @@ def test_rotors_that_are_left_out_are_the_first_remark(tmp_path: Path) -> None:
     assert "{type: rotor_inertia, at: [j3, j4, j5]}" in first.text
 
 
-@pytest.mark.parametrize("stated", [{}, {"effects": ["usual"]}])
+QUIET_ARM = replace(SHORT_ARM, noise=(0.25, 0.4, 0.2))
+
+
+@pytest.mark.parametrize(
+    "stated", [{}, pytest.param({"effects": ["usual"]}, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize(
+    ("system", "joints"),
+    one_in(2, [(QUIET_ARM, ["j3"]), (SYSTEMS["arm"], ["j3", "j4", "j5"])]),
+)
 def test_rotors_that_nobody_mentioned_are_tried(
-    stated: dict[str, list[str]], tmp_path: Path
+    system: System, joints: list[str], stated: dict[str, list[str]], tmp_path: Path
 ) -> None:
-    system = replace(
-        SYSTEMS["arm"],
-        setup={k: v for k, v in SYSTEMS["arm"].setup.items() if k != "effects"},
-    )
+    content = {k: v for k, v in system.setup.items() if k != "effects"}
+    system = replace(system, setup=content)
     setup = system.load(tmp_path, **stated)
     log = system.log(motion_of(system), tmp_path / "run", setup.mechanism)
     result = ec.identify(setup.with_settings(physical=False), [log])
-    assert {"Ia3", "Ia4", "Ia5"} <= {*result.base.mechanism.parameters}
+    rotors = {joint.replace("j", "Ia") for joint in joints}
+    assert rotors <= {*result.base.mechanism.parameters}
     assert min(score.r2 for score in result.validations[-1].scores) > 0.998
-    line = "add {type: rotor_inertia, at: [j3, j4, j5]} to 'effects'"
-    line = (
-        line
-        if stated
-        else "write effects: [usual, {type: rotor_inertia, at: [j3, j4, j5]}]"
-    )
+    effect = f"{{type: rotor_inertia, at: [{', '.join(joints)}]}}"
+    line = f"write effects: [usual, {effect}]"
+    if stated:
+        line = f"add {effect} to 'effects'"
     assert line in result.findings[0].text
     assert [finding.kind for finding in result.findings].count("missing effect") == 1
 
 
+@pytest.mark.slow
 def test_rotors_that_are_left_out_are_no_wrong_clock(tmp_path: Path) -> None:
     """Where gravity says nothing, more inertia looks like a faster clock."""
     parts = (

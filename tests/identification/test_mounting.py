@@ -36,6 +36,7 @@ def test_a_wall_that_nobody_stated_is_found() -> None:
     assert min(score.r2 for score in result.validations[-1].scores) > 0.999
 
 
+@pytest.mark.slow
 def test_what_was_not_taken_in_is_not_said_to_be(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

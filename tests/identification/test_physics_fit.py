@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.identification.physics.bounds import Bounds, Roles
@@ -19,12 +19,13 @@ from echelon.robot.inertia import (
 )
 from echelon.shared.errors import InputError
 from support.physical_robots import is_physical, model, observed, robot
+from support.selection import examples
 
 
 def cvxpy_fit(
     role: Roles, design: Any, target: Any, bodies: Any, weight: float
 ) -> tuple[float, Any]:
-    """The same problem written down in a modelling language."""
+    """Loss and parameters of the fit, stated in the modelling language of cvxpy."""
     import cvxpy as cp
 
     zeta = cp.Variable(role.size)
@@ -87,7 +88,7 @@ def test_gradient_vanishes_at_the_fit(name: str) -> None:
 seeds = st.integers(0, 2**32 - 1)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(
     seeds,
     st.sampled_from(

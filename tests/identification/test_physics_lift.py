@@ -13,6 +13,7 @@ from echelon.identification.physics.bounds import roles
 from echelon.identification.physics.feasibility import physical_lift
 from echelon.shared.errors import InputError
 from support.physical_robots import is_physical, model, robot
+from support.selection import slow_unless
 
 SETUPS = {
     "rotor": """
@@ -40,7 +41,10 @@ def described(tmp_path: Any, name: str) -> BaseModel:
 
 @pytest.mark.parametrize(
     "name",
-    [*SETUPS, "floating_tree", "gripper_coupled", "loops/four_bar", "tx40", "ur10"],
+    slow_unless(
+        lambda name: name != "loops/four_bar",
+        [*SETUPS, "floating_tree", "gripper_coupled", "loops/four_bar", "tx40", "ur10"],
+    ),
 )
 def test_lift_has_exactly_the_given_values(tmp_path: Any, name: str) -> None:
     base = described(tmp_path, name) if name in SETUPS else model(name)[0]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -19,6 +19,7 @@ from support import textbook_arms as arms
 from support.measured_logs import measured
 from support.physical_robots import body_of_points, is_physical, states
 from support.robot_files import robot_file
+from support.selection import examples
 
 LWR4 = """
 echelon: 1
@@ -93,8 +94,9 @@ def placements(draw: st.DrawFn) -> Placement:
     return arms.place(xyz, " ".join(draw(_TURNS) for _ in range(3)))
 
 
-@settings(max_examples=4, deadline=None)
+@examples(4)
 @given(st.lists(placements(), min_size=8, max_size=8), st.integers(0, 2**32 - 1))
+@pytest.mark.slow
 def test_frames_do_not_matter(drawn: list[Placement], seed: int) -> None:
     rng = np.random.default_rng(seed)
     old, new = [], []

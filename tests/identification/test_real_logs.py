@@ -33,7 +33,7 @@ def values(result: Identification) -> dict[str, float]:
 
 
 def judged(plan: LogPlan, file: str, values: np.ndarray) -> Validation:
-    """What is held out of a log, or all of it, predicted by base parameters."""
+    """Predictions by base parameters of the part of a log that is held out, or of all of it."""
     path = measured(file)
     part = "last" if plan.holdout else "all"
     samples = (piece for some in plan.samples(path) for piece in plan.parts(some, part))
@@ -194,6 +194,7 @@ def test_tx40_needs_its_coupled_wrist(tx40: tuple[Setup, Identification]) -> Non
         assert without.validations[0].scores[joint].moving.r2 < 0.93
 
 
+@pytest.mark.slow
 def test_tx40_on_the_last_part(tx40: tuple[Setup, Identification]) -> None:
     """Joint 5 is predicted as well as before, but hardly has to do anything there, so that its R² is low."""
     setup, result = tx40
@@ -244,6 +245,7 @@ def published_pendulum(base: ec.BaseModel, model: str) -> np.ndarray:
     return base.values([*(standard | {"Ir": p["Ir"]}).values()])
 
 
+@pytest.mark.slow
 def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> None:
     setup, result = pendulum
     unseen = result.validations[1]
@@ -263,6 +265,7 @@ def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> N
     assert values(result)["Ir"] == 6.0719e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run", ["A0_20220812_061705-PM", "A0_20220815_traj_11"])
 def test_pendulum_on_fast_runs(
     pendulum: tuple[Setup, Identification], run: str
@@ -320,6 +323,7 @@ def test_panda_predicts_another_arm(panda: tuple[Setup, Identification]) -> None
     assert 0.05 < abs(first.bias) < 0.2
 
 
+@pytest.mark.slow
 def test_panda_at_30_hertz() -> None:
     """A set-up and a log that every clone has: the last third of the log, which the fit did not see."""
     setup = load_setup(EXAMPLES / "logs" / "panda_30hz.yaml")

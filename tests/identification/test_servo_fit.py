@@ -19,6 +19,7 @@ from echelon.identification.servos.servo_start import positive_parameters, servo
 from support import servo_arms
 from support.command_line import run
 from support.paths import EXAMPLES
+from support.selection import slow_unless
 
 SETUP = EXAMPLES / "logs" / "so101.yaml"
 PENDULUM = """<robot name="swing"><link name="base"/>
@@ -85,7 +86,11 @@ def test_planted_truth_of_the_so101(tmp_path: Path, seed: int) -> None:
     assert np.abs(z).max() < 4
 
 
-def test_derivatives_are_those_of_the_computed_motion(tmp_path: Path) -> None:
+@pytest.mark.parametrize("every", slow_unless([5], [1, 5]))
+def test_derivatives_are_those_of_the_computed_motion(
+    tmp_path: Path, every: int
+) -> None:
+    """By every parameter, or by some, and by the delay."""
     setup = two_joints(tmp_path)
     base = ec.base_parameters(setup.mechanism)
     rng = np.random.default_rng(1)
@@ -102,7 +107,7 @@ def test_derivatives_are_those_of_the_computed_motion(tmp_path: Path) -> None:
     values, delay = base.values(servo_arms.true_standard(arm, setup.mechanism)), 0.013
     slopes = motion.derivatives(windows, values, delay)[1]
     for k, step in [
-        *enumerate(np.maximum(1e-5 * np.abs(values), 1e-8)),
+        *list(enumerate(np.maximum(1e-5 * np.abs(values), 1e-8)))[::every],
         (len(values), 1e-6),
     ]:
         moved = np.zeros(len(values) + 1)
@@ -148,6 +153,7 @@ def test_joints_without_a_servo_are_named(tmp_path: Path) -> None:
         ec.fit_servos(ec.load_setup(tmp_path / "swing.yaml"), [])
 
 
+@pytest.mark.slow
 def test_identify_finds_ratios_and_says_that_the_scale_is_the_files(
     tmp_path: Path,
 ) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
@@ -30,6 +30,7 @@ from echelon.identification.rows.rows import prefetched
 from echelon.shared.errors import InputError
 from support.paths import TESTS
 from support.pendulum_logs import PREPARATION, pendulum, write_log, write_logs
+from support.selection import examples
 
 _PEAK = """
 import resource, sys
@@ -171,6 +172,7 @@ def test_batches_add_up_to_the_whole(
     assert sum(batch.observation.rows for batch in grouped(batches, 2)) == whole.rows
 
 
+@pytest.mark.slow
 def test_many_logs_make_as_many_batches_as_wanted(plan: LogPlan, folder: Path) -> None:
     logs = sorted(folder.iterdir())
     few, many = PassesOverData(plan, logs[:1]), PassesOverData(plan, logs * 10)
@@ -237,7 +239,7 @@ def test_a_reader_stops_when_nobody_listens() -> None:
 # -- tall matrices -----------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(st.integers(0, 400), st.integers(0, 90), st.integers(0, 2**32 - 1))
 def test_factors_of_parts_are_those_of_the_whole(
     rows: int, columns: int, seed: int

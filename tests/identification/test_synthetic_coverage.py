@@ -177,6 +177,7 @@ def assert_nominal(found: Hits, level: float, slack: float) -> None:
 
 
 @pytest.mark.parametrize("name", slow_unless(["arm"], ALL))
+@pytest.mark.slow
 def test_classical_intervals_cover(name: str) -> None:
     data = trial(name)
     estimates = [
@@ -314,8 +315,9 @@ def test_intervals_cover_with_a_little_noise_in_the_positions(name: str) -> None
     assert found.mean(axis=0).min() > binom.ppf(1e-4, SEEDS, 0.94) / SEEDS
 
 
+@pytest.mark.slow
 def test_much_noise_in_the_positions_biases() -> None:
-    """What the derivatives of noisy positions do to the columns is no noise of the outputs; of a third it is little."""
+    """Derivatives of noisy positions disturb the columns, which biases; a third of the noise biases little."""
     assert from_positions("wrist sensor", 3e-2, 20).mean() < 0.7
     assert from_positions("wrist sensor", 1e-2, 20).mean() > 0.85
 

@@ -76,6 +76,7 @@ def test_mjcf_in_mujoco(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", params("urdf", "description"))
+@pytest.mark.slow
 def test_urdf_in_pinocchio(name: str) -> None:
     """Friction, which Pinocchio's inverse dynamics leaves out, is added by the identified values."""
     result = result_of(name)
@@ -90,6 +91,7 @@ def test_urdf_in_pinocchio(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["arm"])
+@pytest.mark.slow
 def test_urdf_in_mujoco(name: str) -> None:
     """MuJoCo reads viscous and dry friction from URDF; rotors' inertia has no place there."""
     result = result_of(name)

@@ -69,7 +69,7 @@ def test_the_summary_says_that_all_is_well(result: Result) -> None:
 
 
 def test_noise_is_found(result: Result) -> None:
-    """What is left of white noise after the low-pass of both sides: its share of the band."""
+    """The low-pass of both sides leaves of white noise its share of the band."""
     motion = motion_of(result.system)
     nyquist = 0.5 / (motion.time[1] - motion.time[0])
     share = np.sqrt(result.model.preparation.band / nyquist)

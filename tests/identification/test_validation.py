@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import example as case
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
@@ -34,6 +34,7 @@ from echelon.identification.traces import TraceKeeper, thinned
 from echelon.identification.validation import validated
 from echelon.identification.verdict import overall_verdict, pooled, verdict
 from support.observation_rows import ArrayRows, fit_of, judged_rows
+from support.selection import examples
 
 
 def direct(e: np.ndarray, present: np.ndarray, lag: int) -> float:
@@ -50,7 +51,7 @@ def direct(e: np.ndarray, present: np.ndarray, lag: int) -> float:
 def correlations(
     times: np.ndarray, residuals: np.ndarray, lags: int = 4096
 ) -> Correlations:
-    """Of one stretch of rows."""
+    """Correlations of the residuals of one stretch of rows."""
     sums = CorrelationSums(lags)
     sums.add(times, residuals)
     return sums.result()
@@ -79,7 +80,7 @@ def test_ranges_of_outputs_that_rub_and_of_wrenches() -> None:
 # -- residuals --------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(0, 10_000), st.integers(1, 60), st.floats(0, 0.6), st.floats(0, 2e9))
 @case(1, 7, 0.0, 0.0)
 @case(2, 60, 0.0, 0.0)
@@ -323,7 +324,7 @@ def test_rows_near_rest_and_samples_without_a_filter_are_scored() -> None:
 # -- traces -----------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(
     st.integers(0, 1000),
     st.integers(1, 3000),

@@ -78,7 +78,7 @@ def test_a_uniform_clock_of_no_round_rate_keeps_its_rate() -> None:
     ("share", "bound"), [(0.05, 5e-6), (0.3, 1e-5), (0.45, 1.5e-5)]
 )
 def test_jitter_is_resampled_to_a_stated_accuracy(share: float, bound: float) -> None:
-    """A spline misses a 10 Hz sine at 500 Hz by 5/384 of its fourth derivative times h⁴, h the longest interval."""
+    """The error of a spline is at most 5/384 of the fourth derivative times h⁴, h the longest interval."""
     time = jittered(3000, 0.002, share)
     recording = replace(
         log(time), signals={"q": np.stack([wave(time, 10), wave(time)], axis=1)}

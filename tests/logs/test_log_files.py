@@ -297,7 +297,7 @@ def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_parquet_streams_in_constant_memory(tmp_path: Path) -> None:
-    """What pyarrow and numpy hold at once does not grow with the rows, not even in a single row group."""
+    """The memory that pyarrow and numpy hold does not grow with the rows, not even in a single row group."""
     peaks = []
     before = pa.default_memory_pool()
     for rows in (1 << 17, 1 << 20):
@@ -329,7 +329,7 @@ def test_parquet_streams_in_constant_memory(tmp_path: Path) -> None:
     "file", ["emps/data_emps_pulses.parquet", "staubli_tx40/tx40_5kHz.parquet"]
 )
 def test_real_logs(file: str, tmp_path: Path) -> None:
-    """The same numbers through Parquet and through text, as pyarrow itself reads them."""
+    """Parquet and text give the numbers that pyarrow reads."""
     path = measured(file)
     content = pq.read_table(path).slice(0, 5000)
     expected = {

@@ -109,7 +109,7 @@ def test_the_panda_log_names_its_lost_packets() -> None:
     assert "up to 8.81 ms" in missing.text
 
     def mismatch(signals: Mapping[str, Floats]) -> float:
-        """How far positions, 100 samples apart, are from what the logged velocity says at 1 kHz, rms."""
+        """Rms of the travel over 100 samples less the integral of the logged velocity at 1 kHz."""
         q, qd = signals["q"], signals["qd"]
         travelled = np.cumsum(0.5 * (qd[1:] + qd[:-1]), axis=0) / 1000
         return float(

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from echelon.identification.logs.faults.examine import examine
@@ -15,9 +15,10 @@ from echelon.identification.logs.faults.repeated_values import resolution, stuck
 from echelon.identification.logs.finding import Severity
 from echelon.identification.logs.recording import Recording
 from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
+from support.selection import examples
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(st.integers(0, 1000), st.integers(7, 16))
 @example(501, 7)  # a level that is reached for one sample where the motion turns
 def test_coarse_sensors_are_neither_stuck_nor_saturated(seed: int, bits: int) -> None:

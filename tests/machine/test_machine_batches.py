@@ -16,6 +16,7 @@ from echelon.compute.machine.operations_text import Vector, lowered
 from echelon.compute.machine.rows_text import Way, rows_of
 from echelon.compute.machine.target import Target, host
 from echelon.shared.errors import InputError
+from support.selection import slow_unless
 from support.small_kernels import (
     LANES,
     Fences,
@@ -215,7 +216,7 @@ def test_repeated_calls(made: Function, values: dict[str, FloatArray]) -> None:
 # -- long programs -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("part", [1, 3, 7, 50, 1000])
+@pytest.mark.parametrize("part", slow_unless([3, 50], [1, 3, 7, 50, 1000]))
 @pytest.mark.usefixtures("any_size")
 def test_parts_change_nothing(
     made: Function,

@@ -9,7 +9,7 @@ from fractions import Fraction
 import flint
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.algebra.program.function import Function
@@ -18,6 +18,7 @@ from echelon.algebra.program.tape import Scalar
 from echelon.compute.machine.kernel import Kernel
 from echelon.compute.machine.operations_text import LARGEST_ANGLE
 from echelon.compute.machine.target import Target, host
+from support.selection import examples
 from support.small_kernels import LANES, FloatArray, by_numpy, function, same_bits
 
 SPECIAL = np.array(
@@ -144,7 +145,7 @@ def programs(operations: int) -> st.SearchStrategy[Function]:
     return st.lists(steps, min_size=1, max_size=operations).map(build)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(programs(40), st.sampled_from(LANES))
 def test_random_programs(made: Function, lanes: int) -> None:
     rng = np.random.default_rng(3)

@@ -1,4 +1,4 @@
-"""What effects are, read from the syntax trees of their terms; and a law of friction that nobody has foreseen."""
+"""Kinds of effects, read from the syntax trees of their terms; and a law of friction that the tables do not list."""
 
 from __future__ import annotations
 

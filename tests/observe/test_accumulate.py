@@ -9,7 +9,7 @@ import pytest
 
 import echelon as ec
 from echelon.loops.assembly import Assembly
-from support.paths import EXAMPLES
+from support.derived import base_of
 
 Log = dict[str, Any]
 
@@ -32,11 +32,9 @@ def noisy_log(base: ec.BaseModel, count: int, seed: int = 0) -> Log:
     return log | {"y": exact + 0.01 * rng.normal(size=exact.shape)}
 
 
-@pytest.fixture(
-    scope="module", params=["panda.yaml", "tx40.yaml", "loops/four_bar.yaml"]
-)
+@pytest.fixture(scope="module", params=["panda", "tx40", "loops/parallelogram"])
 def base(request: pytest.FixtureRequest) -> ec.BaseModel:
-    return ec.base_parameters(ec.load(EXAMPLES / request.param))
+    return base_of(request.param)
 
 
 def stacked(

@@ -1,4 +1,4 @@
-"""What observations can do once they are made: merge, weigh, select, travel."""
+"""Observations merge, weigh, select and travel between processes."""
 
 from __future__ import annotations
 

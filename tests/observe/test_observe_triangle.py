@@ -24,7 +24,7 @@ def in_blocks(rows: Floats) -> Floats:
 
 
 def distance(R: Floats, rows: Floats) -> Floats:
-    """How far R is from the R-factor of rows, relative to each column's norm."""
+    """Distance of R from the R-factor of rows, relative to each column's norm."""
     expected = np.linalg.qr(
         np.vstack([rows, np.zeros((R.shape[1], R.shape[1]))]), mode="r"
     )

@@ -10,7 +10,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from echelon.algebra.program.intervals import interval_values
@@ -19,6 +19,7 @@ from echelon.algebra.program.rewriting import smoothed
 from echelon.algebra.program.tape import Program, Scalar
 from echelon.shared.errors import InputError
 from support.excitation_cases import TRUTH, truth
+from support.selection import examples
 
 BINARY = ("add", "subtract", "multiply", "divide")
 NAMES = ("x", "y")
@@ -71,7 +72,7 @@ def enclosed(
 # -- enclosures --------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(
     FORMULAS,
     RANGES,
@@ -113,7 +114,7 @@ def _between(ends: tuple[float, float], share: float) -> float:
     return min(max(ends[0] + share * (ends[1] - ends[0]), ends[0]), ends[1])
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(FORMULAS, ENDS, ENDS)
 def test_points_are_exact_up_to_rounding(formula: Any, x: float, y: float) -> None:
     """At a point every operation adds a relative 1e-14; what is wider must be ill-conditioned itself."""
@@ -151,7 +152,7 @@ def _tame(program: Program, output: int, point: Mapping[str, float]) -> bool:
     return True
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(FORMULAS, RANGES, RANGES, st.tuples(*[st.floats(0, 1)] * 4))
 def test_narrower_inputs_give_narrower_enclosures(
     formula: Any,

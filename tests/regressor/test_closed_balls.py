@@ -19,8 +19,10 @@ from echelon.loops.closed_balls import closed_states
 from echelon.robot.mechanism import Mechanism
 from echelon.robot.stated import known_values, value_texts
 from echelon.shared.errors import DegenerateSampleError
+from support.derived import base_of
 from support.descriptions import read_description
 from support.paths import ROOT
+from support.selection import slow_unless
 
 LOOPS = ROOT / "examples/loops"
 NAMES = ("four_bar", "parallelogram", "delta", "three_rps", "bennett", "sr400")
@@ -101,10 +103,10 @@ def test_states_are_closed(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["four_bar", pytest.param("delta", marks=pytest.mark.slow), "bennett"]
+    "name", slow_unless(["four_bar"], ["four_bar", "delta", "bennett"])
 )
 def test_rows_have_the_null_space_of_the_closed_forms(name: str) -> None:
-    base = ec.base_parameters(ec.load(LOOPS / f"{name}.yaml"))
+    base = base_of(f"loops/{name}")
     forms = virtual_power_form(base.mechanism)
     with flint.ctx.workprec(400):
         at = value_texts(base.mechanism, known_values(base.mechanism))
@@ -120,26 +122,27 @@ def test_rows_have_the_null_space_of_the_closed_forms(name: str) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "outputs",
-    [
-        "outputs: [{joint: crank}, {wrench: tool}]\n",
-        pytest.param("", marks=pytest.mark.slow),
-    ],
-)
-def test_numbers_in_place_of_closed_forms(outputs: str) -> None:
+OUTPUTS = ["outputs: [{joint: crank}, {wrench: tool}]\n", ""]
+
+
+@pytest.mark.parametrize("outputs", slow_unless(OUTPUTS[:1], OUTPUTS))
+def test_numbers_are_verified(outputs: str) -> None:
+    found = ec.base_parameters(read(TILTED + outputs), budget=0)
+    assert found.matrix.numbers is not None
+    assert 0 < found.matrix.numbers.radius < 1e-35
+    again = from_json(to_json(found))
+    assert ec.verify(again).log10_residual is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("outputs", OUTPUTS)
+def test_numbers_are_values_of_closed_forms(outputs: str) -> None:
     mechanism = read(TILTED + outputs)
-    closed, numbers = (
-        ec.base_parameters(mechanism),
-        ec.base_parameters(mechanism, budget=0),
-    )
+    closed = ec.base_parameters(mechanism)
+    numbers = ec.base_parameters(mechanism, budget=0)
     assert closed.matrix.numbers is None
-    assert numbers.matrix.numbers is not None
-    assert 0 < numbers.matrix.numbers.radius < 1e-35
     assert numbers.pivots == closed.pivots
     np.testing.assert_allclose(numbers.B_float(), closed.B_float(), atol=1e-13)
-    again = from_json(to_json(numbers))
-    assert ec.verify(again).log10_residual is not None
 
 
 def test_a_wrong_number_is_refused() -> None:

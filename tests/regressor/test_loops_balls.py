@@ -156,7 +156,7 @@ assembly: {rod.w: 1, rod.y: -0.3, rocker: -0.5}
 
 
 @pytest.mark.parametrize(
-    "case", one_in(2, [pytest.param(c, id=n) for n, c in ZOO.items()])
+    "case", one_in(4, [pytest.param(c, id=n) for n, c in ZOO.items()])
 )
 def test_the_rank_is_that_of_closed_states(case: Case) -> None:
     mechanism = read(case.text)

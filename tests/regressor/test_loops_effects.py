@@ -50,15 +50,21 @@ effects:
             8 + 3,
             marks=pytest.mark.slow,
         ),
-        ("[{type: spring, at: [coupler, rocker], side: joint}]", 8 + 4),
+        pytest.param(
+            "[{type: spring, at: [coupler, rocker], side: joint}]",
+            8 + 4,
+            marks=pytest.mark.slow,
+        ),
         # what primes know no relations of is compared in balls
-        (
+        pytest.param(
             "[{parameter: Fz, unit: N·m, acts: [{at: rocker, term: 'sign(qd)*sqrt(abs(qd))', side: joint}]}]",
             8 + 1,
+            marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             "[{parameter: Fz, unit: N·m, acts: [{at: coupler, term: 'atan(5*qd)', side: joint}]}]",
             8 + 1,
+            marks=pytest.mark.slow,
         ),
     ],
 )

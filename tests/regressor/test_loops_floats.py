@@ -43,7 +43,7 @@ def regressor(mechanism: Mechanism, *state: FloatArray) -> FloatArray:
 # -- forces ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mechanism", one_in(2, ALL))
+@pytest.mark.parametrize("mechanism", one_in(3, ALL))
 def test_forces_are_those_with_lagrange_multipliers(mechanism: Mechanism) -> None:
     zeta, states = random_parameters(mechanism), closed_states(mechanism)
     model = Constrained(mechanism, zeta)

@@ -129,5 +129,6 @@ def test_every_further_four_bar_adds_five(count: int) -> None:
 # -- in space ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_gough_stewart() -> None:
     assert structure((LOOPS / "gough_stewart.yaml").read_text()).rank == 82

@@ -39,7 +39,9 @@ ROBOTS = (
 ROBOTS += ("baxter", "pr2", "tiago")
 
 
-LARGE = {"romeo", "talos_full_v2", "icub", "pr2", "tiago"}
+LARGE = {
+    "romeo", "talos_full_v2", "icub", "pr2", "tiago", "baxter", "g1_29dof_rev_1_0",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("floating", [False, True])

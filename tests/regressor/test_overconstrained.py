@@ -160,6 +160,7 @@ def test_rings_that_do_not_move_are_refused(name: str) -> None:
         read(text)
 
 
+@pytest.mark.slow
 def test_a_ring_with_a_side_that_is_off_by_the_last_decimal_moves_as_meant() -> None:
     ring = Ring((0.2, 0.4, 0.2, 0.4), (30, 90, 30, 90)).text
     mechanism = read(ring.replace("0.4", "0.40001", 1))

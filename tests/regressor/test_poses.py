@@ -16,7 +16,13 @@ CROSS = (
 )
 
 
-@pytest.mark.parametrize("wrist", [BALL, CROSS], ids=["ball", "three rotations"])
+@pytest.mark.parametrize(
+    "wrist",
+    [
+        pytest.param(CROSS, id="three rotations"),
+        pytest.param(BALL, id="ball", marks=pytest.mark.slow),
+    ],
+)
 def test_welded_wrists_close_like_spherical_joints(wrist: str) -> None:
     """A 3-RPS platform whose balls belong to the tree; the links between the rotations have no mass."""
     text = (EXAMPLES / "loops" / "three_rps.yaml").read_text(encoding="utf-8")

@@ -20,7 +20,6 @@ QUICK = (
     "five_bar",
     "palletizer_kr700_general",
     "talos_like",
-    "cassie_leg",
     "xarm7_gripper",
 )
 

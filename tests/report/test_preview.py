@@ -25,6 +25,7 @@ from echelon.shared.errors import MissingExtraError
 from support.paths import EXAMPLES
 from support.preview_pages import broken, hostile, trajectory
 from support.report_data import Page
+from support.selection import slow_unless
 
 Floats = npt.NDArray[np.float64]
 
@@ -124,7 +125,11 @@ def test_without_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    "robot", ["scara", "gripper_coupled", "floating_tree", "cart_pole", "tx40"]
+    "robot",
+    slow_unless(
+        ["floating_tree", "cart_pole", "gripper_coupled"],
+        ["scara", "gripper_coupled", "floating_tree", "cart_pole", "tx40"],
+    ),
 )
 def test_any_robot(robot: str) -> None:
     """Sliding, coupled, held and floating ones."""

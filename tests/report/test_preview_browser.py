@@ -163,7 +163,8 @@ def test_no_wider_than_its_window(driven: dict) -> None:
     assert driven["wide"] == 0
 
 
-@pytest.mark.parametrize("width", [390, pytest.param(700, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 700])
 def test_fits_narrow_screens(width: int, tmp_path: Path) -> None:
     """Inside a frame, because windows cannot be that narrow."""
     measure = """<script>

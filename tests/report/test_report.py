@@ -32,8 +32,10 @@ from echelon.report.page import (
 from echelon.report.report import TITLES, report_html
 from echelon.report.signals import envelope, payload, residual
 from echelon.shared.errors import MissingExtraError
+from support.derived import base_of
 from support.paths import EXAMPLES
-from support.report_data import Page, bare, base_of, hostile, identification
+from support.report_data import Page, bare, hostile, identification
+from support.selection import examples, slow_unless
 from support.textbook_poses import pose_of
 
 
@@ -120,6 +122,7 @@ def test_hostile_names_never_become_markup(full: Identification) -> None:
     json.loads(dirty.scripts[0])
 
 
+@examples(10)
 @given(st.text())
 def test_json_cannot_end_a_script(text: str) -> None:
     packed = script_safe({text: text})
@@ -129,15 +132,18 @@ def test_json_cannot_end_a_script(text: str) -> None:
 
 @pytest.mark.parametrize(
     "robot",
-    [
-        "cart_pole",
-        "furuta",
-        "panda",
-        "floating_tree",
-        "coupled_arm",
-        "tx40",
-        "loops/parallelogram",
-    ],
+    slow_unless(
+        lambda robot: robot not in ("panda", "tx40"),
+        [
+            "cart_pole",
+            "furuta",
+            "panda",
+            "floating_tree",
+            "coupled_arm",
+            "tx40",
+            "loops/parallelogram",
+        ],
+    ),
 )
 def test_any_robot(robot: str) -> None:
     """Sliding, floating, many joints, lengths without values, effects, loops."""

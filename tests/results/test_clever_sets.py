@@ -20,6 +20,7 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.robot.mechanism import Mechanism
 from echelon.robot.stated import all_symbols, value_texts
 from support.descriptions import read_description
+from support.selection import one_in
 
 ARM = """symbols: {l1: 0.5, alpha: 0.3, k: -1}
 modified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha, a: l1}]
@@ -225,7 +226,13 @@ def test_signs_of_constants_are_not_general() -> None:
 
 @pytest.mark.parametrize(
     "pose",
-    ["crank: 1e-9, coupler: -1e-9, rocker: 1e-9", "crank: 0, coupler: 0, rocker: 0"],
+    one_in(
+        2,
+        [
+            "crank: 0, coupler: 0, rocker: 0",
+            "crank: 1e-9, coupler: -1e-9, rocker: 1e-9",
+        ],
+    ),
 )
 def test_a_flat_parallelogram_is_told_as_a_doubt(pose: str) -> None:
     """Two ways of assembly meet there: that of parallel cranks was taken, from a pose beside it."""

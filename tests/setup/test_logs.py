@@ -12,6 +12,7 @@ import pytest
 import echelon as ec
 from echelon.identification.logs.read_log import opened
 from echelon.identification.setup.logs import with_logs
+from support.selection import slow_unless
 from support.swinging_arm import ARM, Motion, swinging
 
 
@@ -63,7 +64,7 @@ def test_columns_without_names(motion: Motion, tmp_path: Path) -> None:
     assert not any("another robot" in text for text in texts)
 
 
-@pytest.mark.parametrize("clocked", [True, False])
+@pytest.mark.parametrize("clocked", slow_unless([True], [True, False]))
 def test_files_that_share_a_clock_are_one_log(
     clocked: bool, motion: Motion, tmp_path: Path
 ) -> None:

@@ -19,6 +19,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import echelon as ec
+from support.selection import slow_unless
 from support.swinging_arm import ARM, Motion, swinging
 
 JOINTS = ("shoulder_joint", "elbow_joint")
@@ -205,7 +206,9 @@ def motion() -> Motion:
     return swinging()
 
 
-@pytest.mark.parametrize("recorder", RECORDERS)
+@pytest.mark.parametrize(
+    "recorder", slow_unless(lambda recorder: recorder != "ROS 1", RECORDERS)
+)
 def test_a_recording_and_a_urdf_are_enough(
     recorder: str, motion: Motion, tmp_path: Path
 ) -> None:

@@ -14,6 +14,7 @@ import echelon as ec
 from echelon.identification.logs.read_log import opened
 from echelon.identification.setup.skeleton import skeleton
 from support.command_line import run
+from support.selection import one_in
 from support.swinging_arm import ARM, Motion, swinging
 
 Floats = npt.NDArray[np.float64]
@@ -40,7 +41,7 @@ def written(folder: Path, log: pd.DataFrame, robot: str = ARM, **options: bool) 
 
 
 @pytest.mark.parametrize(
-    ("angle", "moment"), [("Winkel {}", "Moment {}"), ("a_{}", "b_{}")]
+    ("angle", "moment"), one_in(2, [("Winkel {}", "Moment {}"), ("a_{}", "b_{}")])
 )
 def test_two_commands_lead_from_strange_columns_to_a_model(
     angle: str, moment: str, motion: Motion, tmp_path: Path
@@ -144,9 +145,9 @@ def joint_after_joint(motion: Motion, names: Sequence[object]) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize(
-    "labels", [["shoulder", "elbow"], [1, 2], ["Achse A", "Achse B"]]
+    "labels", one_in(3, [["Achse A", "Achse B"], ["shoulder", "elbow"], [1, 2]])
 )
-@pytest.mark.parametrize("order", ["by joint", "by time", "none"])
+@pytest.mark.parametrize("order", one_in(2, ["none", "by joint", "by time"]))
 def test_rows_of_one_time_are_put_side_by_side(
     order: str, labels: list[object], motion: Motion, tmp_path: Path
 ) -> None:

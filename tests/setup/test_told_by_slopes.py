@@ -16,6 +16,7 @@ from echelon.identification.judging import explained_rate
 from echelon.identification.logs.columns.by_values import error_as_rates
 from echelon.identification.setup.skeleton import Skeleton, skeleton
 from support.command_line import run
+from support.selection import one_in, slow_unless
 from support.swinging_arm import ARM, swinging
 
 Floats = npt.NDArray[np.float64]
@@ -52,7 +53,7 @@ def section(found: Skeleton) -> dict[str, object]:
 @pytest.mark.parametrize(
     "friction", [(300.0, 300.0), (300.0, 40.0), (57.3 * 3, 57.3 * 3)]
 )
-@pytest.mark.parametrize("unit", [1.0, 1e9])
+@pytest.mark.parametrize("unit", slow_unless([1e9], [1.0, 1e9]))
 def test_torques_that_follow_velocities_are_torques(
     names: str, friction: tuple[float, float], unit: float, tmp_path: Path
 ) -> None:
@@ -86,7 +87,7 @@ def test_velocities_beside_torques_that_follow_them_are_velocities(
     assert ("deg/s" in velocity) is (scale != 1.0)
 
 
-@pytest.mark.parametrize("names", ["", "b0 b1 c0 c1"])
+@pytest.mark.parametrize("names", one_in(2, ["", "b0 b1 c0 c1"]))
 def test_without_a_clock_no_rate_is_invented(names: str, tmp_path: Path) -> None:
     """Torques are none of the velocities that would tell it; one that masses and gravity tell is only proposed."""
     for torques in (rubbed((300.0, 40.0)), MOTION["tau"]):
@@ -151,8 +152,18 @@ NOTHING = {
 
 
 @pytest.mark.parametrize("what", NOTHING)
-@pytest.mark.parametrize("names", ["t q1 q2 tau1 tau2", "a b0 b1 c0 c1"])
-@pytest.mark.parametrize("places", [(0,), (1,), (1, 2), (3, 4), (0, 1, 2, 3, 4)])
+@pytest.mark.parametrize("names", one_in(2, ["t q1 q2 tau1 tau2", "a b0 b1 c0 c1"]))
+@pytest.mark.parametrize(
+    "places",
+    [
+        (1, 2),
+        (0, 1, 2, 3, 4),
+        *(
+            pytest.param(places, marks=pytest.mark.slow)
+            for places in ((0,), (1,), (3, 4))
+        ),
+    ],
+)
 def test_columns_without_numbers_are_said_in_words(
     what: str, names: str, places: tuple[int, ...], tmp_path: Path
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -16,6 +16,7 @@ from echelon.identification.signals.filters import (
     reduction,
 )
 from echelon.shared.errors import InputError
+from support.selection import examples
 
 RATE = 1000.0
 INF = float("inf")
@@ -119,7 +120,7 @@ def test_constants_pass_and_shapes_stay(edge: float) -> None:
     assert np.abs(ones - 1).max() < 1e-9
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.sampled_from(EDGES), st.integers(1, 400), st.integers(0, 2**31))
 def test_windows_fit_together(edge: float, start: int, seed: int) -> None:
     """A window that begins at a multiple of the factor keeps the same samples; beyond its reach they are equal."""
@@ -137,7 +138,7 @@ def test_windows_fit_together(edge: float, start: int, seed: int) -> None:
     )
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.sampled_from(EDGES), st.integers(0, 2**31))
 def test_both_sides_filtered_alike_keep_a_linear_model_exact(
     edge: float, seed: int

@@ -8,6 +8,7 @@ import pytest
 
 from echelon.identification.logs.columns.by_values import sample_rate
 from echelon.identification.signals.rates import rate
+from support.selection import slow_unless
 
 Floats = npt.NDArray[np.float64]
 
@@ -39,7 +40,7 @@ def moved(seed: int, samples: float, noise: str) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("noise", NOISES)
-@pytest.mark.parametrize("samples", [50.0, 200.0, 1000.0])
+@pytest.mark.parametrize("samples", slow_unless([50.0, 200.0], [50.0, 200.0, 1000.0]))
 def test_slopes_have_honest_errors(noise: str, samples: float) -> None:
     off = []
     for seed in range(12):
@@ -54,7 +55,7 @@ def test_slopes_have_honest_errors(noise: str, samples: float) -> None:
 
 
 @pytest.mark.parametrize("noise", NOISES)
-@pytest.mark.parametrize("samples", [50.0, 200.0, 1000.0])
+@pytest.mark.parametrize("samples", slow_unless([50.0, 200.0], [50.0, 200.0, 1000.0]))
 def test_the_rate_of_samples_is_that_of_all_joints(noise: str, samples: float) -> None:
     for seed in range(12):
         found, error = sample_rate(*moved(seed, samples, noise))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 from scipy.spatial.transform import Rotation
@@ -22,6 +22,7 @@ from echelon.identification.signals.spectrum import (
     spectrum,
 )
 from echelon.shared.errors import InputError
+from support.selection import examples, one_in
 
 RATE = 1000.0
 TIME = np.arange(8000) / RATE
@@ -109,7 +110,7 @@ def test_length_counts_for_nothing() -> None:
         assert np.allclose(one[REACH:-REACH], other[REACH:-REACH], atol=tolerance)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.integers(0, 2**31))
 def test_signs_that_jump_are_made_continuous(seed: int) -> None:
     q = continuous(spin(TIME[::10])[0])
@@ -160,7 +161,7 @@ def test_quantisation_and_coloured_noise_are_measured(seed: int) -> None:
 
 
 @pytest.mark.parametrize("deviation", [1e-6, 1e-5, 1e-4, 1e-3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", one_in(3, range(3)))
 def test_cutoff_is_nearly_the_best_of_all(deviation: float, seed: int) -> None:
     """Against the acceleration itself, which only a test knows."""
     from echelon.identification.signals.filters import lowpass
@@ -224,7 +225,7 @@ def test_stretches_between_gaps_vote_together() -> None:
     assert noise_deviation(found) == pytest.approx(1e-4, rel=0.1)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.floats(-40, 40))
 def test_shifting_undoes_a_delay(samples: float) -> None:
     late = chirp(TIME - samples / RATE)

@@ -557,10 +557,10 @@ def test_what_answers_is_packed_for_browsers() -> None:
     files = [
         str(EXAMPLES / name)
         for name in (
-            "loops/four_bar.yaml",
+            "loops/parallelogram.yaml",
             "so101.urdf",
             "coupled_arm.yaml",
-            "panda.yaml",
+            "scara.yaml",
         )
     ]
     paths = os.pathsep.join(str(path) for path in (ROOT / "src", explorer))

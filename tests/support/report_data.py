@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
@@ -18,15 +17,10 @@ from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.scores import Score, Trace, Validation, fit
-from support.paths import EXAMPLES
+from support.derived import base_of
 from support.unchecked_names import unchecked_names
 
 Floats = npt.NDArray[np.float64]
-
-
-@cache
-def base_of(robot: str) -> ec.BaseModel:
-    return ec.base_parameters(ec.load(EXAMPLES / f"{robot}.yaml"))
 
 
 def bodies(base: ec.BaseModel, rng: np.random.Generator) -> Floats:

@@ -1,4 +1,4 @@
-"""Which cases of a parametrised test run every time; the others are slow."""
+"""Cases of a parametrised test that run every time, the others being slow; and numbers of drawn examples."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 
 def slow_unless(
@@ -20,6 +21,11 @@ def slow_unless(
 def one_in(step: int, cases: Iterable[Any]) -> list[Any]:
     """Cases of which the first of every few is quick."""
     return [_slow(case) if k % step else case for k, case in enumerate(cases)]
+
+
+def examples(count: int) -> settings:
+    """Settings with a number of examples if the profile asks for 40; other profiles give the same share of theirs."""
+    return settings(max_examples=max(1, count * settings().max_examples // 40))
 
 
 def _slow(case: Any) -> Any:

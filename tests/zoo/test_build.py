@@ -245,15 +245,18 @@ def test_pages_of_a_site_lead_to_its_explorer(robots: Path, tmp_path: Path) -> N
     assert 'href="../../index.html"' in pages["arm.yaml"][0]
 
 
+@pytest.mark.slow
 def test_the_command_says_what_was_built(robots: Path, tmp_path: Path) -> None:
     folder = tmp_path / "zoo"
     done = run(folder, "--from", robots, "--only", "arm*", "--jobs", 1)
     assert done.returncode == 0, done.stderr
     assert done.stdout.endswith(f"robots in {folder}, 0 without an answer\n")
-    failed = run(folder, "--from", robots, "--only", "broken")
+    failed = run(folder, "--from", robots, "--only", "broken", "--jobs", 1)
     assert (failed.returncode, failed.stdout.split(":")[0]) == (1, "broken.urdf")
     assert run(robots, "--from", robots).returncode == 2
-    missing = run(tmp_path / "other", "--from", robots, "--only", "nothing")
+    missing = run(
+        tmp_path / "other", "--from", robots, "--only", "nothing", "--jobs", 1
+    )
     assert (missing.returncode, "no robot file matches" in missing.stderr) == (2, True)
 
 
