@@ -16,7 +16,9 @@ for name, rank in found.added:
     print(f"with {name}: {rank}")
 print(f"the {found.smallest[0]} alone shows all: {found.rank}")
 
-won = set(ec.base_parameters([table, wall]).pivots) - set(ec.base_parameters(table).pivots)
+won = set(ec.base_parameters([table, wall]).pivots) - set(
+    ec.base_parameters(table).pivots
+)
 print("the wall wins", ", ".join(sorted(won)))
 
 # a load and the link that carries it are told apart by one run without the load

@@ -22,7 +22,9 @@ def picture(file: Path) -> str:
     stated = [line for line in text if not line.startswith("#")]
     base = ec.base_parameters(ec.load(file))
     forms = [f"{k + 1:>2}  {base.expressions[k]}" for k in SHOWN]
-    answer = [f"{base.rank} combinations of {len(base.parameters)} parameters can be identified:"]
+    answer = [
+        f"{base.rank} combinations of {len(base.parameters)} parameters can be identified:"
+    ]
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" '
         'role="img" aria-label="A robot file goes in; formulas of its base parameters come out">',
@@ -43,13 +45,16 @@ def picture(file: Path) -> str:
         for k, line in enumerate(stated)
     ]
     lines = [*answer, *(_cut(form, 66) for form in forms)]
-    parts += [_late(k, RIGHT, TOP + LINE * k, escape(line)) for k, line in enumerate(lines)]
+    parts += [
+        _late(k, RIGHT, TOP + LINE * k, escape(line)) for k, line in enumerate(lines)
+    ]
     heads = "".join(f"{kind:<4}" for kind in PARAMETERS)
     first = TOP + LINE * (len(lines) + 2)
     parts.append(_late(len(lines), RIGHT, first - LINE, f"         {heads}"))
     for row, (title, cells) in enumerate(classification_rows(base)):
         marks = "".join(
-            f'<tspan fill="{COLOURS.get(mark, "#24292f")}">{mark}   </tspan>' for mark, _ in cells
+            f'<tspan fill="{COLOURS.get(mark, "#24292f")}">{mark}   </tspan>'
+            for mark, _ in cells
         )
         shown = f"link {escape(title.split()[0])}   {marks}"
         parts.append(_late(len(lines) + row, RIGHT, first + LINE * row, shown))
