@@ -25,6 +25,7 @@ from echelon.formats.robot_file import RobotFile as RobotFile
 from echelon.formats.robot_file import load as load
 from echelon.formats.robot_file import load_model as load_model
 from echelon.formats.robot_file import open_robot as open_robot
+from echelon.formats.rounding import inertial_rounding as inertial_rounding
 from echelon.formats.schema.robot_schema import json_schema as json_schema
 from echelon.formats.schema.schema_excite import EVERY as EVERY
 from echelon.formats.schema.schema_excite import ExcitationEntry as ExcitationEntry
