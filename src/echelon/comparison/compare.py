@@ -50,6 +50,8 @@ COMPUTED = 1e-9
 """Share of a number by which computing with it in doubles, along a chain of bodies, may move it."""
 _ALIGNED = 1e-6
 """rad, or a share of the robot's size, up to which axes of exact files agree."""
+_NEGLIGIBLE = 0.1
+"""Share of the tolerance below which bounds of a part need not be sharper: all four together stay below it."""
 _ROOM = 1.0  # m to each side for a floating base, where no output depends on the place
 _ANYWHERE = 1e3  # rad or m, beyond all positions that loops lead to
 
@@ -114,7 +116,7 @@ def compare(
     if tolerance is not None:
         allowed = np.full(len(allowed), tolerance)
     attained, states = difference.largest()
-    bounds = difference.bounds(attained)
+    bounds = difference.bounds(attained, _NEGLIGIBLE * allowed)
     explained = len(terms) == 1 and bool((np.abs(inertial.base) <= noise).all())
     return Comparison(
         one.name,
@@ -212,7 +214,7 @@ class _InertialDifference:
         self.matrix = base.B_float()
         self.notes: list[str] = []
         self.first = self._stated(self.one)
-        self.of_second = self._stated(two)
+        self.second = self._stated(two)
         count = len(self.first)
         self.standard, self.noise = np.zeros(count), np.zeros(count)
         self.complete = (
@@ -377,26 +379,19 @@ def _terms(
         range(len(one.positions)),
         range(len(one.independent_velocities)),
     )
-    alike = (
-        inertial.complete and not pairs.differences and _same_outputs(one, two, pairs)
-    )
-    if alike:
-        return (
-            Term(base, inertial.base, all_positions, all_velocities, range(len(ours))),
-        )
-    other = base_of(two)
-    positions = other.mechanism.independent_positions if two.closures else two.positions
+    q, qd = range(len(one.positions)), range(len(one.independent_velocities))
+    same_sensors = _same_outputs(one, two, pairs)
+    if inertial.complete and not pairs.differences and same_sensors:
+        apart = np.flatnonzero(inertial.base).tolist() or [0][: base.rank]
+        pivots = [base.matrix.pivots[k] for k in apart]
+        return (Term(one, pivots, inertial.base[apart], q, qd, range(len(ours))),)
+    positions = two.independent_positions if two.closures else two.positions
     return (
+        Term(one, range(len(one.parameters)), inertial.first, q, qd, range(len(ours))),
         Term(
-            base,
-            inertial.matrix @ inertial.first,
-            all_positions,
-            all_velocities,
-            range(len(ours)),
-        ),
-        Term(
-            other,
-            -(other.B_float() @ inertial.of_second),
+            two,
+            range(len(two.parameters)),
+            -inertial.second,
             pairs.places(one.positions, positions),
             pairs.places(one.independent_velocities, two.independent_velocities),
             [theirs.index(name) for name in ours],

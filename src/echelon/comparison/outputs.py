@@ -10,15 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 
-from echelon.algebra import DEFAULT_SEED, Interval, random_generator
-from echelon.base import BaseModel
-from echelon.dynamics import CompiledAssembly, geometry_values
+from echelon.algebra import (
+    DEFAULT_SEED,
+    Function,
+    Interval,
+    derivatives,
+    random_generator,
+)
+from echelon.dynamics import (
+    ClosedStates,
+    CompiledAssembly,
+    Evaluator,
+    geometry_values,
+    robot_function,
+)
 from echelon.excite import enclosures_of
 from echelon.loops import normalised
+from echelon.robot import Mechanism
 from echelon.shared import Floats
 
 PARTS = ("gravity", "acceleration", "velocity", "effects")
@@ -29,9 +42,11 @@ _ROUNDS, _MUTANTS = 60, 8
 """Rounds of the search, and changed copies of every best state in each."""
 _COARSEST, _FINEST = 0.5, 1e-3
 """Size of changes in the first and the last round, as shares of the ranges."""
-_WORK = 2**25
+_WORK = 2**24
 """Operations on intervals that the bounds of a part may take: about a second."""
-_BATCH, _TRIED = 128, 4
+_MOST_PRODUCTS = 1000
+"""Products of velocities, in all outputs, whose coefficients are bounded one by one: those of nine joints."""
+_BATCH, _TRIED = 512, 4
 """Boxes that are halved together, and those on which each coordinate is tried."""
 _SHARP = 1.01
 """Ratio of bound to attained value up to which a box is left whole."""
@@ -39,55 +54,87 @@ _SHARP = 1.01
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """Outputs of one robot with some base parameters, by coordinates of the first robot."""
+    """Outputs of one robot with some parameters, in the coordinates of the first robot; all other parameters are zero."""
 
-    base: BaseModel
-    values: Floats  # shape (r,); base parameters, SI units
+    mechanism: Mechanism
+    columns: Sequence[int]  # of the regressor, whose parameters there are
+    values: Floats  # of these parameters, SI units
     positions: Sequence[int]  # places of its q among the first's
     velocities: Sequence[int]  # places of its q̇ and q̈
     rows: Sequence[int]  # its output for every output of the first
 
+    @cached_property
+    def _functions(self) -> list[Function]:
+        return [
+            robot_function(name, self.mechanism, self.columns) for name in _FUNCTIONS
+        ]
+
+    @cached_property
+    def _evaluators(self) -> list[Evaluator]:
+        loops = ClosedStates(self.mechanism) if self.mechanism.closures else None
+        return [Evaluator(self.mechanism, f, loops=loops) for f in self._functions]
+
+    @cached_property
+    def enclosable(self) -> list[Function]:
+        """Functions of boxes of states, part by part: of velocities, the products' coefficients if they are not many."""
+        gravity, mass, velocity, effects = self._functions
+        if len(velocity.axes[0]) * len(self.velocities) ** 2 < _MOST_PRODUCTS:
+            velocity = _products(velocity)
+        return [gravity, mass, velocity, effects]
+
     def parts(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The parts of all outputs, shape (N, parts, outputs)."""
-        q, qd, qdd = (
-            q[:, self.positions],
-            qd[:, self.velocities],
-            qdd[:, self.velocities],
-        )
-        mass = self.base.mass_matrix(q, self.values)
-        found = [
-            self.base.gravity(q, self.values),
-            np.einsum("nij,nj->ni", mass, qdd),
-            self.base.coriolis(q, qd, self.values),
-            self.base.effects(q, qd, self.values),
-        ]
+        state = {
+            "q": q[:, self.positions],
+            "qd": qd[:, self.velocities],
+            "parameters": self.values,
+        }
+        found = []
+        for evaluator in self._evaluators:
+            names = {argument.name for argument in evaluator.function.arguments}
+            value = evaluator({k: v for k, v in state.items() if k in names})
+            if value.ndim > 2:
+                value = np.einsum("nij,nj->ni", value, qdd[:, self.velocities])
+            found.append(value)
         return np.stack(found, axis=1)[:, :, self.rows]
 
     def enclosed(self, part: int, q: Interval, qd: Interval) -> Interval:
-        """Bounds of a part's function in boxes of states, shape (boxes, outputs), of M (boxes, outputs, velocities)."""
-        function = self.base.function(_FUNCTIONS[part])
+        """Bounds of an enclosable function in boxes of states, shape (boxes, outputs) or with axes of velocities."""
+        function = self.enclosable[part]
         ranges = {
             "q": (q[0][:, self.positions], q[1][:, self.positions]),
             "qd": (qd[0][:, self.velocities], qd[1][:, self.velocities]),
         }
-        known = geometry_values(self.base.mechanism, function.arguments)
+        known = geometry_values(self.mechanism, function.arguments)
         ends = enclosures_of(function, {"parameters": self.values, **known}, ranges)
         entries = np.array(list(function.entries), dtype=int)
         places = entries.reshape(-1, len(function.axes)).T
-        shape = [len(axis) for axis in function.axes]
+        order = np.argsort(self.velocities)
         found = []
         for end in ends:
-            whole = np.zeros((len(end), *shape))
+            whole = np.zeros((len(end), *(len(axis) for axis in function.axes)))
             whole[(slice(None), *places)] = end
             whole = whole[:, self.rows]
-            if whole.ndim == 3:
-                whole = whole[:, :, np.argsort(self.velocities)]
+            for axis in range(2, whole.ndim):
+                whole = np.take(whole, order, axis=axis)
             found.append(whole)
         return found[0], found[1]
 
-    def cost(self, part: int) -> int:
-        """Operations of a part's function."""
-        return max(len(self.base.function(_FUNCTIONS[part]).program), 1)
+
+def _products(function: Function) -> Function:
+    """Coefficients of products of velocities: a form without other terms is half its second derivative in them."""
+    (rates,) = (argument for argument in function.arguments if argument.name == "qd")
+    program, rows = function.program, [row for (row,) in function.entries]
+    first = derivatives(program, function.outputs, rates.nodes)
+    second = derivatives(program, list(first.values()), rates.nodes)
+    at = list(first)
+    half = program.constant(Fraction(1, 2)).node
+    entries: dict[tuple[int, ...], int] = {
+        (rows[at[k][0]], at[k][1], place): program.multiply(half, node)
+        for (k, place), node in second.items()
+    }
+    axes = (*function.axes, rates.labels, rates.labels)
+    return Function("velocity_products", program, function.arguments, entries, axes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +201,7 @@ class OutputDifference:
 
     def _possible(self, states: Floats, rng: np.random.Generator) -> Floats:
         """States with unit quaternions, and with loops at closed positions near random ones."""
-        mechanism, q = self.terms[0].base.mechanism, self.box.cut(states)[0]
+        mechanism, q = self.terms[0].mechanism, self.box.cut(states)[0]
         if self._closed is None:
             q[:] = normalised(mechanism, q)
         else:
@@ -164,7 +211,7 @@ class OutputDifference:
     @cached_property
     def _closed(self) -> Floats | None:
         """Closed positions within limits; None without loops."""
-        mechanism = self.terms[0].base.mechanism
+        mechanism = self.terms[0].mechanism
         if not mechanism.closures:
             return None
         found = CompiledAssembly(mechanism).random_closed_states(
@@ -173,28 +220,32 @@ class OutputDifference:
         inside = ((found >= self.box.low) & (found <= self.box.high)).all(axis=1)
         return found[inside] if inside.any() else found
 
-    def bounds(self, reached: Floats) -> Floats | None:
+    def bounds(self, reached: Floats, negligible: Floats) -> Floats | None:
         """Sizes that no state exceeds, shape (parts + 1, outputs); None with loops, where intervals say nothing.
 
-        ``reached`` are those that some states have, beside which bounds need not be sharper.
+        ``reached`` are those that some states have, and ``negligible`` (outputs) those below which none matters: bounds
+        need not be sharper.
         """
         if self._closed is not None:
             return None
         found = [
-            np.maximum(self._bound(part, reached[part]), reached[part])
+            np.maximum(
+                self._bound(part, np.maximum(_SHARP * reached[part], negligible)),
+                reached[part],
+            )
             for part in range(len(PARTS))
         ]
         return np.array([*found, np.sum(found, axis=0)])
 
-    def _bound(self, part: int, reached: Floats) -> Floats:
+    def _bound(self, part: int, wanted: Floats) -> Floats:
         places = self._varying(part)
         low, high = (
             end[None, : len(self.box.low) + len(self.box.velocity)]
             for end in self.box.ends
         )
         upper = self._upper(part, low, high)
-        settled, wanted = np.zeros(len(reached)), _SHARP * reached
-        budget = _WORK // sum(term.cost(part) for term in self.terms)
+        settled = np.zeros(len(wanted))
+        budget = _WORK // sum(len(term.enclosable[part].program) for term in self.terms)
         while places and budget > 0:
             worst = (upper / np.where(wanted > 0, wanted, 1.0)).max(axis=1)
             done = (upper <= wanted).all(axis=1)
@@ -245,13 +296,17 @@ class OutputDifference:
         ends = [term.enclosed(part, (q, q_high), (qd, qd_high)) for term in self.terms]
         least, most = (sum(end[k] for end in ends) for k in (0, 1))
         sizes = np.maximum(np.abs(least), np.abs(most))
-        return sizes @ self.box.acceleration if sizes.ndim == 3 else sizes
+        if part == PARTS.index("acceleration"):
+            return sizes @ self.box.acceleration
+        for _ in range(2, sizes.ndim):
+            sizes = sizes @ self.box.velocity
+        return sizes
 
     def _varying(self, part: int) -> list[int]:
         """Places of positions and velocities on which a part depends."""
         found = set[int]()
         for term in self.terms:
-            function = term.base.function(_FUNCTIONS[part])
+            function = term.enclosable[part]
             used = set(function.program.needed(function.entries.values()))
             first = {
                 "q": (term.positions, 0),
