@@ -152,6 +152,8 @@ class Correspondence:
         For every motion of the first, and the ground, the movement from the first base frame to the second that lays
         what it carries over its counterpart in the pose of zero.
     differences : tuple of GeometryDifference
+    deviation : float
+        The largest difference that counts as none, rad or a share of the robot's size.
     """
 
     first: ZeroPose
@@ -160,6 +162,7 @@ class Correspondence:
     by_name: bool
     moves: dict[int, Floats]
     differences: tuple[GeometryDifference, ...]
+    deviation: float
 
     @cached_property
     def names(self) -> dict[str, str]:
@@ -200,7 +203,9 @@ def correspondence(
         walk.found.append(GeometryDifference("base", "gravity", apart, "m/s²"))
     names = [(ours.motions[i].name, theirs.motions[j].name) for i, j in pairs]
     by_name = all(name == other for name, other in names)
-    found = Correspondence(ours, theirs, tuple(pairs), by_name, walk.moves, ())
+    found = Correspondence(
+        ours, theirs, tuple(pairs), by_name, walk.moves, (), walk.deviation
+    )
     if not any(difference.kind != "gravity" for difference in walk.found):
         walk.found += _moves_otherwise(first, second, found, length)
     return replace(found, differences=tuple(walk.found))
@@ -307,7 +312,8 @@ class _Walk:
         length: float,
     ) -> None:
         self.ours, self.theirs = ours, theirs
-        self.angle, self.length = angle, length
+        self.limits = {"rad": angle, "m": length, "m/rad": length}
+        self.deviation = 0.0
         self.moves: dict[int, Floats] = {GROUND: place}
         self.found: list[GeometryDifference] = []
         self._settled = {GROUND}  # motions whose zero a joint behind them has confirmed
@@ -320,58 +326,46 @@ class _Walk:
         self._settled.add(parent)
         parts = self._parts(i, j, self.moves[parent])
         self.found += parts
+        shares = [
+            part.size / self.limits[part.unit] * self.limits["rad"]
+            for part in self._sizes(i, j, self.moves[parent])
+            if part not in parts
+        ]
+        self.deviation = max(self.deviation, *shares)
         self.moves[i] = self.moves[parent]
         if parts:
             self.moves[i] = self._aligned(i, j, self.moves[parent])
 
     def _parts(self, i: int, j: int, place: Floats) -> list[GeometryDifference]:
-        """What a motion and its counterpart have apart."""
+        """What a motion and its counterpart have apart by more than the tolerance."""
+        sizes = self._sizes(i, j, place)
+        return [part for part in sizes if part.size > self.limits[part.unit]]
+
+    def _sizes(self, i: int, j: int, place: Floats) -> list[GeometryDifference]:
+        """All that a motion and its counterpart have apart, however little."""
         motion, name = self.ours.motions[i], self.ours.motions[i].name
+        ours, theirs = _moved(place, self.ours.screws[i]), self.theirs.screws[j]
         if motion.kind is MotionKind.BALL:
-            apart = np.abs(_moved(place, self.ours.screws[i]) - self.theirs.screws[j])
-            turn, shift = float(apart[:, :3].max()), float(apart[:, 3:].max())
+            apart = np.abs(ours - theirs)
+            turn, shift, along = apart[:, :3].max(), apart[:, 3:].max(), 1.0
         else:
             one, two = self.ours.axis(i, place), self.theirs.axis(j, np.eye(4))
             normal = np.cross(one.direction, two.direction)
             along = float(one.direction @ two.direction)
-            turn = float(np.arctan2(np.linalg.norm(normal), abs(along)))
+            turn = np.arctan2(np.linalg.norm(normal), abs(along))
             at = self._near(i, one, place) if one.turns else one.point
-            shift = float(np.linalg.norm(np.cross(two.direction, at - two.point)))
-            if along < 0:
-                found = GeometryDifference(name, "positive direction", np.pi, "rad")
-                rest = [("axis direction", turn), ("axis position", shift)]
-                return [found, *self._beyond(name, rest)]
-        pitches = [
-            s[0, :3] @ s[0, 3:] for s in (self.ours.screws[i], self.theirs.screws[j])
+            shift = np.linalg.norm(np.cross(two.direction, at - two.point))
+        found = [
+            GeometryDifference(name, "axis direction", float(turn), "rad"),
+            GeometryDifference(name, "axis position", float(shift), "m"),
         ]
-        found = self._beyond(
-            name,
-            [
-                ("axis direction", turn),
-                ("axis position", shift * (motion.kind is not MotionKind.TRANSLATION)),
-            ],
-        )
-        if (
-            motion.kind is MotionKind.SCREW
-            and abs(pitches[0] - pitches[1]) > self.length
-        ):
-            found.append(
-                GeometryDifference(name, "pitch", abs(pitches[0] - pitches[1]), "m/rad")
-            )
+        if along < 0:
+            found.append(GeometryDifference(name, "positive direction", np.pi, "rad"))
+        if motion.kind is MotionKind.SCREW:
+            pitches = [screws[0, :3] @ screws[0, 3:] for screws in (ours, theirs)]
+            size = float(abs(pitches[0] - pitches[1]))
+            found.append(GeometryDifference(name, "pitch", size, "m/rad"))
         return found
-
-    def _beyond(
-        self, name: str, sizes: Sequence[tuple[str, float]]
-    ) -> list[GeometryDifference]:
-        limits = {
-            "axis direction": (self.angle, "rad"),
-            "axis position": (self.length, "m"),
-        }
-        return [
-            GeometryDifference(name, kind, size, limits[kind][1])
-            for kind, size in sizes
-            if size > limits[kind][0]
-        ]
 
     def _near(self, i: int, axis: JointAxis, place: Floats) -> Floats:
         """The point of an axis next to the origin of a body that it moves."""

@@ -221,7 +221,7 @@ class _InertialDifference:
             True  # whether the first robot has a column for every difference
         )
         units = [_units(robot) for robot in (self.one, two)]
-        shares = COMPUTED + self.one.rounding + two.rounding
+        shares = COMPUTED + pairs.deviation
         self._units = np.sum(units, axis=0), shares, characteristic_length(self.one)
         for i, j in [(GROUND, GROUND), *pairs.pairs]:
             self._compare_bodies(i, j)

@@ -38,8 +38,8 @@ PARTS = ("gravity", "acceleration", "velocity", "effects")
 _FUNCTIONS = ("gravity", "mass_matrix", "coriolis", "effects")
 SAMPLES = 512
 """Random states from which the search starts; half of them have all rates at their limits."""
-_ROUNDS, _MUTANTS = 60, 8
-"""Rounds of the search, and changed copies of every best state in each."""
+_ROUNDS, _MUTANTS, _LINES = 60, 4, 4
+"""Rounds of the search, changed copies of every best state in each, and searches that go on beside one another."""
 _COARSEST, _FINEST = 0.5, 1e-3
 """Size of changes in the first and the last round, as shares of the ranges."""
 _WORK = 2**24
@@ -184,20 +184,25 @@ class OutputDifference:
     def largest(self) -> tuple[Floats, Floats]:
         """The largest sizes that a search met, shape (parts + 1, outputs), and their states (parts + 1, outputs, size)."""
         rng, (low, high) = random_generator(DEFAULT_SEED), self.box.ends
-        states = self.samples
-        values = np.abs(self.parts(states))
-        best, at = values.max(axis=0), states[values.argmax(axis=0)]
-        size = at.shape[-1]
+        # every line of descent seeks the largest size of one part of one output
+        states = self.samples.reshape(_LINES, -1, len(low))
+        values = np.abs(self.parts(self.samples)).reshape(*states.shape[:2], -1)
+        best, at = _best(values, states)
         for scale in np.geomspace(_COARSEST, _FINEST, _ROUNDS):
-            parents = np.repeat(at.reshape(-1, size), _MUTANTS, axis=0)
-            moved = rng.random(parents.shape) < max(0.2, 1 / size)
+            parents = np.repeat(at, _MUTANTS, axis=1).reshape(-1, len(low))
+            moved = rng.random(parents.shape) < max(0.2, 1 / len(low))
             steps = scale * (high - low) * rng.normal(size=parents.shape)
             states = self._possible(np.clip(parents + moved * steps, low, high), rng)
-            values = np.abs(self.parts(states))
-            better = values.max(axis=0) > best
-            at[better] = states[values.argmax(axis=0)][better]
-            best = np.maximum(best, values.max(axis=0))
-        return best, at
+            values = np.abs(self.parts(states)).reshape(_LINES, -1, best.shape[-1])
+            found, where = _best(values, states.reshape(_LINES, -1, len(low)))
+            at = np.where((found > best)[:, :, None], where, at)
+            best = np.maximum(best, found)
+        line = best.argmax(axis=0)
+        columns = np.arange(len(line))
+        shape = len(PARTS) + 1, -1
+        return best[line, columns].reshape(shape), at[line, columns].reshape(
+            *shape, len(low)
+        )
 
     def _possible(self, states: Floats, rng: np.random.Generator) -> Floats:
         """States with unit quaternions, and with loops at closed positions near random ones."""
@@ -319,6 +324,13 @@ class OutputDifference:
                     start + places[k] for k, node in enumerate(nodes) if node in used
                 }
         return sorted(found)
+
+
+def _best(values: Floats, states: Floats) -> tuple[Floats, Floats]:
+    """The largest values (lines, columns) of (lines, N, columns), and the states (lines, columns, size) that have them."""
+    at = values.argmax(axis=1)
+    lines = np.arange(len(values))[:, None]
+    return values.max(axis=1), states[lines, at]
 
 
 def _halved(low: Floats, high: Floats, place: int) -> Interval:
