@@ -1,8 +1,8 @@
 """How far outputs are apart over all states within limits: the largest that was met, and a bound that none exceeds.
 
-Outputs are weight + M q̈ + Coriolis + effects, so that each part has an attained value, a bound and an example of its
-own.  The difference of two robots with one geometry is an output of one robot whose base parameters are the differences;
-any other is the output of one robot minus that of the other.  Recorded functions serve both sides: machine code for a
+Outputs are weight + M q̈ + Coriolis + effects, so that each part has an attained value, a bound and an example.  The
+difference of two robots with one geometry is an output of one robot whose base parameters are the differences; any other
+is the output of one robot minus that of the other.  Recorded functions serve both sides: machine code for a
 search that mutates the best states, interval arithmetic for boxes of states, of which the worst are halved.
 """
 
@@ -182,7 +182,7 @@ class OutputDifference:
         return self._possible(found, rng)
 
     def largest(self) -> tuple[Floats, Floats]:
-        """The largest sizes that a search met, shape (parts + 1, outputs), and their states (parts + 1, outputs, size)."""
+        """The largest sizes that a search met, shape (parts + 1, outputs), and states (parts + 1, outputs, size)."""
         rng, (low, high) = random_generator(DEFAULT_SEED), self.box.ends
         # every line of descent seeks the largest size of one part of one output
         states = self.samples.reshape(_LINES, -1, len(low))

@@ -1,6 +1,7 @@
 """Names that other rooms may use, and where each is defined."""
 
 from echelon.formats.description.document import Document as Document
+from echelon.formats.inertial_rounding import inertial_rounding as inertial_rounding
 from echelon.formats.joint_limits import StatedLimits as StatedLimits
 from echelon.formats.joint_limits import stated_limits as stated_limits
 from echelon.formats.linear_models import linear_document as linear_document
@@ -25,7 +26,6 @@ from echelon.formats.robot_file import RobotFile as RobotFile
 from echelon.formats.robot_file import load as load
 from echelon.formats.robot_file import load_model as load_model
 from echelon.formats.robot_file import open_robot as open_robot
-from echelon.formats.rounding import inertial_rounding as inertial_rounding
 from echelon.formats.schema.robot_schema import json_schema as json_schema
 from echelon.formats.schema.schema_excite import EVERY as EVERY
 from echelon.formats.schema.schema_excite import ExcitationEntry as ExcitationEntry

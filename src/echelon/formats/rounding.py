@@ -7,9 +7,8 @@ are parallel or lengths that are equal, may be meant to be exact; what depends o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
 
 from echelon.algebra import Rational, parts_of
 from echelon.formats.literal import (
@@ -20,10 +19,6 @@ from echelon.formats.literal import (
 )
 from echelon.formats.snapping import ANGLE_TOLERANCE, nearest_step
 from echelon.robot import Mechanism, Placement, characteristic_length
-from echelon.shared import PARAMETERS
-
-if TYPE_CHECKING:
-    from echelon.formats.robot_file import RobotFile
 
 COARSEST = 0.05
 """Largest unit of a last decimal that means something, rad or a share of the size."""
@@ -81,10 +76,10 @@ def _coarsest(
         for value in turns
         if abs(float(value) - nearest_step(float(value))) > ANGLE_TOLERANCE
     ]
-    return max(_last_decimal(lengths) / (size or 1.0), _last_decimal(general))
+    return max(last_decimal(lengths) / (size or 1.0), last_decimal(general))
 
 
-def _last_decimal(numbers: Iterable[Rational]) -> float:
+def last_decimal(numbers: Iterable[Rational]) -> float:
     """The unit of the last decimal that many numbers have, of the largest one's where all have as many digits.
 
     0 if all are short, or on a grid.
@@ -125,60 +120,3 @@ def _decimals(number: Rational) -> int:
         (d for d in range(DOUBLE_DIGITS) if (value * 10**d).denominator == 1),
         DOUBLE_DIGITS,
     )
-
-
-_MASS, _CENTRE, _MOMENT = range(3)
-_INERTIAL_KEYS = {
-    **dict.fromkeys(("mass", "value"), _MASS),
-    **dict.fromkeys(("com", "xyz", "pos", "pose"), _CENTRE),
-    **dict.fromkeys(("diaginertia", "fullinertia"), _MOMENT),
-    **dict.fromkeys(("xx", "xy", "xz", "yy", "yz", "zz"), _MOMENT),
-    **dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), _MOMENT),
-}
-"""Which inertial value the attributes and elements of all formats state."""
-_COORDINATES = 3  # of a centre of mass; those of a pose are followed by angles
-
-
-def inertial_rounding(file: RobotFile) -> tuple[float, float, float]:
-    """Units of the last decimals of masses (kg), their centres (m) and moments of inertia (kg·m²); 0 if all are short."""
-    numbers: tuple[list[Fraction], ...] = ([], [], [])
-    for key, text in _inertial_texts(file):
-        kind = _INERTIAL_KEYS.get(key)
-        if kind is None:
-            continue
-        words = text.split()[: _COORDINATES if kind == _CENTRE else None]
-        for word in words:
-            try:
-                numbers[kind].append(Fraction(word))
-            except ValueError:  # a formula of a description is exact
-                continue
-    mass, centre, moment = (_last_decimal(found) for found in numbers)
-    return mass, centre, moment
-
-
-def _inertial_texts(file: RobotFile) -> Iterator[tuple[str, str]]:
-    """Keys and values inside of inertial elements, as they stand in a file."""
-    if file.is_description:
-        yield from _described_texts(file.document.data, "")
-    if (robot := file.robot) is None:
-        return
-    for inertial in robot.root.iter("inertial"):
-        for element in inertial.iter():
-            yield from element.attrib.items()
-            yield str(element.tag), element.text or ""
-
-
-def _described_texts(data: Any, inside: str) -> Iterator[tuple[str, str]]:
-    if isinstance(data, dict):
-        for key, value in data.items():
-            yield from _described_texts(
-                value, str(key) if inside or key == "inertial" else ""
-            )
-    elif isinstance(data, list) and inside == "standard":
-        keys = (*(name.lower() for name in PARAMETERS[:6]), "com", "com", "com", "mass")
-        yield from zip(keys, map(str, data), strict=False)
-    elif isinstance(data, list):
-        for value in data:
-            yield from _described_texts(value, inside)
-    elif inside:
-        yield inside, str(data)
