@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -34,6 +33,9 @@ _POSES = 4
 """Random poses in which all frames are compared: a coupling or a loop that differs shows in almost every one."""
 _ALIKE = 1e-9
 """Weight of the identity beside axes when two bases are laid over one another: it decides what they leave open."""
+
+_FAR, _OTHER_SHAPE, _OTHER_NAME = 1e2, 1e3, 1e6
+"""Costs of pairing motions: the most that screws may count, other trees behind, other names; each beats the last."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +108,10 @@ class ZeroPose:
             return JointAxis(False, np.zeros(3), moment)
         return JointAxis(True, np.cross(direction, moment), direction)
 
-    def shape(self, node: int) -> tuple[Any, ...]:
+    def shape(self, node: int) -> str:
         """The kinds of a motion and of all behind it, whatever their order."""
         behind = sorted(self.shape(child) for child in self.children(node))
-        return self.motions[node].kind.value, *behind
+        return f"{self.motions[node].kind.value}({' '.join(behind)})"
 
 
 def homogeneous(frames: Floats) -> Floats:
@@ -199,7 +201,7 @@ def correspondence(
     walk = min(walks, key=lambda walk: len(walk.found))
     turned = walk.moves[GROUND][:3, :3] @ pulls[0]
     apart = float(np.linalg.norm(turned - pulls[1]))
-    if apart > tolerance * max(np.linalg.norm(turned), 1.0):
+    if apart > tolerance * max(float(np.linalg.norm(turned)), 1.0):
         walk.found.append(GeometryDifference("base", "gravity", apart, "m/s²"))
     names = [(ours.motions[i].name, theirs.motions[j].name) for i, j in pairs]
     by_name = all(name == other for name, other in names)
@@ -240,14 +242,16 @@ def _paired(
     while waiting:
         at = waiting.pop(0)
         mine, others = ours.children(at[0]), theirs.children(at[1])
-        cost = np.array([[_cost(ours, theirs, i, j) for j in others] for i in mine])
+        cost = [[_cost(ours, theirs, i, j) for j in others] for i in mine]
         where = "the base" if at[0] == GROUND else f"'{ours.motions[at[0]].name}'"
         if len(mine) != len(others):
             raise InputError(
                 f"{where} carries {len(mine)} joints of {first.name} and {len(others)} of {second.name}"
             )
-        rows, columns = linear_sum_assignment(cost) if mine else ([], [])
-        chosen = [(mine[r], others[c]) for r, c in zip(rows, columns, strict=True)]
+        chosen = []
+        if mine:
+            rows, columns = linear_sum_assignment(np.array(cost))
+            chosen = [(mine[r], others[c]) for r, c in zip(rows, columns, strict=True)]
         for i, j in chosen:
             _check_pair(ours.motions[i], theirs.motions[j], only[0])
         pairs += chosen
@@ -258,21 +262,22 @@ def _paired(
 def _check_pair(one: Motion, other: Motion, lacking: set[str]) -> None:
     where = f"joints '{one.name}' and '{other.name}'"
     if one.kind is not other.kind:
-        kinds = f"{one.kind.value} and {other.kind.value}"
         raise InputError(
-            f"one is a {kinds.replace(' and', ', the other a')}", element=where
+            f"one is a {one.kind.value}, the other a {other.kind.value}", element=where
         )
     if one.name != other.name and one.name not in lacking:
         problem = f"'{one.name}' hangs elsewhere in the second robot: the trees differ"
         raise InputError(problem, element=where)
 
 
-def _cost(ours: ZeroPose, theirs: ZeroPose, i: int, j: int) -> tuple[float, ...]:
+def _cost(ours: ZeroPose, theirs: ZeroPose, i: int, j: int) -> float:
     """How badly two motions go together: not at all under other names or trees, then by their axes."""
     same_name = ours.motions[i].name == theirs.motions[j].name
     same_shape = ours.shape(i) == theirs.shape(j)
-    apart = np.linalg.norm(ours.screws[i] - theirs.screws[j]) if same_shape else 0.0
-    return 1e6 * (not same_name) + 1e3 * (not same_shape) + float(min(apart, 1e2))
+    if not same_shape:
+        return _OTHER_NAME * (not same_name) + _OTHER_SHAPE
+    apart = float(np.linalg.norm(ours.screws[i] - theirs.screws[j]))
+    return _OTHER_NAME * (not same_name) + min(apart, _FAR)
 
 
 def _base_move(
@@ -331,7 +336,7 @@ class _Walk:
             for part in self._sizes(i, j, self.moves[parent])
             if part not in parts
         ]
-        self.deviation = max(self.deviation, *shares)
+        self.deviation = max([self.deviation, *shares])
         self.moves[i] = self.moves[parent]
         if parts:
             self.moves[i] = self._aligned(i, j, self.moves[parent])
@@ -371,7 +376,8 @@ class _Walk:
         """The point of an axis next to the origin of a body that it moves."""
         body = next(k for k, node in self.ours.node.items() if node >= i)
         origin = (place @ self.ours.frames[body])[:3, 3]
-        return axis.point + axis.direction * (axis.direction @ (origin - axis.point))
+        along = float(axis.direction @ (origin - axis.point))
+        return np.asarray(axis.point + along * axis.direction)
 
     def _explain_by_zero(self, i: int, j: int, parent: int) -> None:
         """Find another zero of the joint before that brings an axis into place."""

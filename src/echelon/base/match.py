@@ -432,7 +432,7 @@ def _angle(axis: Floats, start: Floats, end: Floats) -> float:
 
 def turn_about(axis: Floats, angle: float) -> Floats:
     """The matrix of a turn, by Rodrigues' formula."""
-    cross = np.cross(np.eye(3), axis).T
+    cross = np.cross(np.eye(3), axis)
     turned: Floats = (
         np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
     )

@@ -6,6 +6,7 @@ decimals can move it by.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -28,10 +29,10 @@ from echelon.comparison.result import (
 )
 from echelon.comparison.states import states_of
 from echelon.dynamics import STATE
+from echelon.formats import load
 from echelon.robot import (
     GROUND,
     Mechanism,
-    Readable,
     characteristic_length,
     lock_joints,
     mechanism_of,
@@ -46,8 +47,8 @@ _NEGLIGIBLE = 0.1
 
 @public
 def compare(
-    first: Mechanism | Readable,
-    second: Mechanism | Readable,
+    first: Any,
+    second: Any,
     *,
     tolerance: NotNegative | None = None,
     limits: Mapping[str, Any] | None = None,
@@ -60,8 +61,8 @@ def compare(
 
     Parameters
     ----------
-    first, second : Mechanism or path-like
-        Robots with the same joints, in any format.
+    first, second : Mechanism, path-like, or model
+        Robots with the same joints: what :func:`echelon.load` takes, or a saved set of base parameters.
     tolerance : float, optional
         Difference of outputs up to which robots count as equal, N·m or N.  By default what the last decimals of both
         files can move each output by; it stands beside each output.
@@ -93,7 +94,7 @@ def compare(
     >>> found.verdict
     <Equality.EQUAL: 'equal'>
     """
-    robots = [with_stated_effects(mechanism_of(robot)) for robot in (first, second)]
+    robots = [with_stated_effects(_robot(source)) for source in (first, second)]
     one, two = _with_locked(robots, locked or {})
     pairs = correspondence(one, two, _ALIGNED + one.rounding + two.rounding)
     one = with_effects_of(one, two, pairs.names)
@@ -134,6 +135,12 @@ def compare(
         ranges,
         (*notes, *inertial.notes),
     )
+
+
+def _robot(source: Any) -> Mechanism:
+    """A robot, or what is read from a path, a text or a model of another program."""
+    named = isinstance(source, Mechanism | str | os.PathLike)
+    return mechanism_of(source) if named else load(source)
 
 
 def _with_locked(

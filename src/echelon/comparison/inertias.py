@@ -1,8 +1,8 @@
 """Inertial values and effects of two robots, as differences in the columns of the first robot's regressor.
 
 In the pose of zero corresponding bodies lie over one another, so that their inertias have a difference, Δζ about the
-first robot's frames.  With one geometry, B Δζ is all that can be seen: what of Δζ lies in the null space of B shows in no
-output, whatever its size.
+first robot's frames.  With one geometry, B Δζ is all that can be seen: what of Δζ lies in the null space of B shows in
+no output, whatever its size.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class InertialDifference:
         self.complete = (
             True  # whether the first robot has a column for every difference
         )
-        self._halves = sum(_half_units(robot) for robot in (one, two))
+        self._halves = _half_units(one) + _half_units(two)
         self._share = COMPUTED + pairs.deviation
         self._length = characteristic_length(one)
         for i, j in [(GROUND, GROUND), *pairs.pairs]:
@@ -125,29 +125,27 @@ class InertialDifference:
         """The difference of all that rides on a motion, in the columns of a body there that has all ten."""
         one, pose = self.one, self.pairs.first
         riders = [k for k, node in pose.node.items() if node == i and k != GROUND]
-        host = next(
-            (
-                k
-                for k in riders
-                if one.bodies[k].carried == ALL and len(one.sharing[k]) == 1
-            ),
-            None,
-        )
-        back = np.linalg.inv(self.pairs.moves[i])
-        theirs = self._gathered(self.two, self.pairs.second, j, back)
-        ours = self._gathered(one, pose, i, np.eye(4))
-        noise = self._noise(
-            ours if host is None else move(ours, np.linalg.inv(pose.frames[host]))
-        )
-        if host is None:
-            self.complete &= bool(
-                (np.abs(ours - theirs) <= self._noise(ours) + self._noise(theirs)).all()
+        hosts = [
+            k
+            for k in riders
+            if one.bodies[k].carried == ALL and len(one.sharing[k]) == 1
+        ]
+        host = pose.frames[hosts[0]] if hosts else np.eye(4)
+        back: Floats = np.asarray(np.linalg.inv(host), dtype=float)
+        ours = self._gathered(one, pose, i, back)
+        place = back @ np.linalg.inv(self.pairs.moves[i])
+        theirs = self._gathered(self.two, self.pairs.second, j, place)
+        noise = self._noise(ours) + COMPUTED * np.abs(theirs)
+        if hosts:
+            start = one.first_column[hosts[0]]
+            self.standard[start : start + PER_BODY] = ours - theirs
+            self.noise[start : start + PER_BODY] = noise
+        elif (np.abs(ours - theirs) > noise).any():
+            self.complete = False
+            name = pose.motions[i].name if i != GROUND else "the base"
+            self.notes.append(
+                f"{one.name} has no ten parameters for the difference behind {name}, so base parameters leave it out"
             )
-            return
-        start = one.first_column[host]
-        own = slice(start, start + PER_BODY)
-        self.standard[own] = move(ours - theirs, np.linalg.inv(pose.frames[host]))
-        self.noise[own] = noise
 
     def _gathered(
         self, robot: Mechanism, pose: ZeroPose, node: int, place: Floats
@@ -155,12 +153,11 @@ class InertialDifference:
         """Inertial values of all bodies that ride on a motion, in a base frame that stands somewhere, pose of zero."""
         total = np.zeros(PER_BODY)
         for k, at in pose.node.items():
-            if at == node and k != GROUND and robot.bodies[k].inertial is not None:
+            stated = None if k == GROUND else robot.bodies[k].inertial
+            if at == node and stated is not None:
                 kept = np.isin(range(PER_BODY), robot.bodies[k].carried)
-                total += move(
-                    np.where(kept, robot.bodies[k].inertial, 0.0),
-                    place @ pose.frames[k],
-                )
+                values = np.where(kept, np.array(stated), 0.0)
+                total += move(values, place @ pose.frames[k])
         return total
 
     def _noise(self, values: Floats) -> Floats:

@@ -1,8 +1,8 @@
 """How far outputs are apart over all states within limits: the largest that was met, and a bound that none exceeds.
 
-Outputs are weight + M q̈ + Coriolis + effects, so that each part has an attained value, a bound and an example.  The
-difference of two robots with one geometry is an output of one robot whose base parameters are the differences; any other
-is the output of one robot minus that of the other.  Recorded functions serve both sides: machine code for a
+Outputs are weight + M q̈ + Coriolis + effects, so that each part has an attained value, a bound and an example.  With
+one geometry the difference of two robots is an output of one, whose base parameters are the differences; any other is
+the output of one robot minus that of the other.  Recorded functions serve both sides: machine code for a
 search that mutates the best states, interval arithmetic for boxes of states, of which the worst are halved.
 """
 
@@ -54,7 +54,7 @@ _SHARP = 1.01
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """Outputs of one robot with some parameters, in the coordinates of the first robot; all other parameters are zero."""
+    """Outputs of one robot with some parameters, and zero for all others, in the coordinates of the first robot."""
 
     mechanism: Mechanism
     columns: Sequence[int]  # of the regressor, whose parameters there are
@@ -76,7 +76,7 @@ class Term:
 
     @cached_property
     def enclosable(self) -> list[Function]:
-        """Functions of boxes of states, part by part: of velocities, the products' coefficients if they are not many."""
+        """Functions of boxes of states, part by part: for velocities the coefficients of products, if they are few."""
         gravity, mass, velocity, effects = self._functions
         if len(velocity.axes[0]) * len(self.velocities) ** 2 < _MOST_PRODUCTS:
             velocity = _products(velocity)
@@ -168,7 +168,7 @@ class OutputDifference:
     def parts(self, states: Floats) -> Floats:
         """The parts and their sum at states, shape (N, parts + 1, outputs)."""
         state = self.box.cut(states)
-        found = sum(term.parts(*state) for term in self.terms)
+        found = np.sum([term.parts(*state) for term in self.terms], axis=0)
         return np.concatenate([found, found.sum(axis=1, keepdims=True)], axis=1)
 
     @cached_property
@@ -274,7 +274,7 @@ class OutputDifference:
             low = np.concatenate([halves[0], low[_BATCH:]])
             high = np.concatenate([halves[1], high[_BATCH:]])
             upper = np.concatenate([less, upper[_BATCH:]])
-        return np.maximum(settled, upper.max(axis=0, initial=0.0))
+        return np.asarray(np.maximum(settled, upper.max(axis=0, initial=0.0)))
 
     def _best_place(
         self,
@@ -327,7 +327,7 @@ class OutputDifference:
 
 
 def _best(values: Floats, states: Floats) -> tuple[Floats, Floats]:
-    """The largest values (lines, columns) of (lines, N, columns), and the states (lines, columns, size) that have them."""
+    """The largest values (lines, columns) of (lines, N, columns), and the states that have them."""
     at = values.argmax(axis=1)
     lines = np.arange(len(values))[:, None]
     return values.max(axis=1), states[lines, at]

@@ -197,7 +197,8 @@ class Comparison:
 
     def table(self) -> list[tuple[str, ...]]:
         """Outputs with the largest differences, attained and at most, and the parts; the first row is the head."""
-        found = [("output", "largest", "at most", "tolerance", *PARTS)]
+        head = ("output", "largest", "at most", "tolerance", *PARTS)
+        found: list[tuple[str, ...]] = [head]
         for output in self.outputs:
             total = output.total
             most = "" if total.bound is None else f"{total.bound:.3g}"

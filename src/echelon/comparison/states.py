@@ -12,7 +12,7 @@ from echelon.base import Correspondence
 from echelon.comparison.inertias import file_of
 from echelon.comparison.outputs import StateBox
 from echelon.excite import changed, resolved_limits
-from echelon.formats import ExcitationEntry, StatedLimits, stated_limits
+from echelon.formats import EVERY, ExcitationEntry, StatedLimits, stated_limits
 from echelon.robot import Mechanism, MotionKind
 from echelon.shared import InputError, listed
 
@@ -47,7 +47,7 @@ def states_of(
     own = entry.limits.model_dump(mode="json", exclude_unset=True) | dict(limits)
     entry = changed(entry, {"limits": own}, "limits")
     room = {**floating, **entry.limits.position}
-    limited = entry.limits.model_copy(update={"position": room})
+    limited = entry.limits.model_copy(update={"position": room, "jerk": {EVERY: inf}})
     found = resolved_limits(one, limited, {**others, **stated}, one.name)
     notes += [finding.text for finding in found.findings]
     free = one.independent_velocities
