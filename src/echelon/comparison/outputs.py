@@ -42,8 +42,8 @@ _ROUNDS, _MUTANTS, _LINES = 60, 4, 4
 """Rounds of the search, changed copies of every best state in each, and searches that go on beside one another."""
 _COARSEST, _FINEST = 0.5, 1e-3
 """Size of changes in the first and the last round, as shares of the ranges."""
-_WORK = 2**24
-"""Operations on intervals that the bounds of a part may take: about a second."""
+_WORK = 2**23
+"""Operations on intervals that the bounds of a part may take: a second or less."""
 _MOST_PRODUCTS = 1000
 """Products of velocities, in all outputs, whose coefficients are bounded one by one: those of nine joints."""
 _BATCH, _TRIED = 512, 4
