@@ -128,6 +128,7 @@ def compare(
         base.rank,
         tuple(_base_differences(base, inertial, x.max(axis=0, initial=0.0))),
         inertial.parameters(),
+        tuple(tuple(one.bodies[k].name for k in group) for group in inertial.cancelled),
         tuple(_outputs(one, box, attained, bounds, states, allowed)),
         dict(
             zip(STATE, (one.positions, *[one.independent_velocities] * 2), strict=True)

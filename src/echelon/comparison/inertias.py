@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
+from itertools import combinations
 from math import isfinite
 
 import numpy as np
@@ -27,6 +29,8 @@ from echelon.robot import (
 )
 from echelon.shared import PER_BODY, Floats, InputError, listed, unused
 
+_MOST_TOGETHER = 3
+"""Bodies that are looked for whose differences cancel: mass that moves over a joint, or over two."""
 COMPUTED = 1e-9
 """Share of a number by which computing with it in doubles, along a chain of bodies, may move it."""
 
@@ -181,9 +185,34 @@ class InertialDifference:
             self.standard[column] = self.first[column] - value
             self.noise[column] = COMPUTED * abs(self.first[column])
 
+    @cached_property
+    def cancelled(self) -> tuple[tuple[int, ...], ...]:
+        """Bodies whose differences no output shows, alone or together, the smallest groups first."""
+        differs = np.abs(self.standard) > self.noise
+        shown: dict[int, Floats] = {}
+        for k, start in self.one.first_column.items():
+            own = slice(start, start + PER_BODY)
+            if differs[own].any() and len(self.one.bodies[k].carried) == PER_BODY:
+                shown[k] = self.matrix[:, own] @ self.standard[own]
+        found: list[tuple[int, ...]] = []
+        for size in range(1, _MOST_TOGETHER + 1):
+            for group in combinations(list(shown), size):
+                left = all(k in shown for k in group)
+                if left and self._is_noise(np.sum([shown[k] for k in group], axis=0)):
+                    found.append(group)
+                    for k in group:
+                        del shown[k]
+        return tuple(found)
+
+    def _is_noise(self, base: Floats) -> bool:
+        return bool((np.abs(base) <= self.noise_of_base).all())
+
     def parameters(self) -> tuple[ParameterDifference, ...]:
         """Standard parameters that differ by more than rounding."""
         shown = (self.matrix[self.apart] != 0).any(axis=0)
+        for k in (k for group in self.cancelled for k in group):
+            start = self.one.first_column[k]
+            shown[start : start + PER_BODY] = False
         columns = enumerate(self.one.columns)
         return tuple(
             ParameterDifference(

@@ -11,11 +11,11 @@ from pydantic import TypeAdapter
 
 from echelon.base import GeometryDifference
 from echelon.comparison.outputs import PARTS
-from echelon.shared import one_line, public, published_schema
+from echelon.shared import one_line, public, published_schema, shortened
 
 SCHEMA_NAME = "echelon.comparison/1"
-_LISTED = 12
-"""Differences of one kind that the text lists; an object and JSON have all."""
+_LISTED, _LONGEST = 8, 100
+"""Differences of one kind that the text lists, and characters of an expression; an object and JSON have all."""
 
 
 @public
@@ -97,6 +97,8 @@ class Comparison:
         What is visible, in base parameters of the first robot.
     parameters : tuple of ParameterDifference
         Standard parameters that differ, visible or not.
+    cancelled : tuple of tuple of str
+        Bodies whose differences no output shows, alone or together: those between which mass was moved.
     outputs : tuple of OutputComparison
     coordinates : mapping of str to tuple of str
         Names of the first robot's ``q``, ``qd`` and ``qdd`` in example states.
@@ -115,6 +117,7 @@ class Comparison:
     rank: int
     base: tuple[BaseDifference, ...]
     parameters: tuple[ParameterDifference, ...]
+    cancelled: tuple[tuple[str, ...], ...]
     outputs: tuple[OutputComparison, ...]
     coordinates: Mapping[str, tuple[str, ...]]
     limits: Mapping[str, tuple[float, float]]
@@ -128,17 +131,16 @@ class Comparison:
     def __bool__(self) -> bool:
         return self.verdict is Equality.EQUAL
 
+    @property
+    def _worst(self) -> OutputComparison:
+        """The output that differs most."""
+        return max(self.outputs, key=lambda output: output.total.attained)
+
     def __repr__(self) -> str:
-        worst = max(
-            self.outputs,
-            key=lambda o: o.total.attained / (o.tolerance or 1.0),
-            default=None,
-        )
-        told = (
-            f"; up to {worst.total.attained:.3g} {worst.unit} in {worst.name}"
-            if worst and not self
-            else ""
-        )
+        told = ""
+        if self.outputs and not self:
+            worst = self._worst
+            told = f"; up to {worst.total.attained:.3g} {worst.unit} in {worst.name}"
         return f"Comparison({self.first} and {self.second}: {self.verdict}{told})"
 
     def __str__(self) -> str:
@@ -179,20 +181,12 @@ class Comparison:
             )
         lines += _shown("geometry", self.geometry) or ["geometry: the same"]
         lines.append(f"base parameters: {len(self.base)} of {self.rank} differ")
-        lines += _shown(
-            "  visible",
-            (
-                f"{b.expression}: {b.first:.6g} and {b.second:.6g} {b.unit}, up to {b.effect:.3g} in {b.output}"
-                for b in self.base
-            ),
-        )
-        lines += _shown(
-            "invisible",
-            (
-                f"{p.name} ({p.body}): {p.first:.6g} and {p.second:.6g} {p.unit}"
-                for p in self.invisible
-            ),
-        )
+        lines += _shown("  visible", map(_described, self.base))
+        for bodies in self.cancelled:
+            lines.append(f"  invisible: all that differs of {' and '.join(bodies)}")
+        cancelled = {body for bodies in self.cancelled for body in bodies}
+        alone = (p for p in self.invisible if p.body not in cancelled)
+        lines += _shown("  invisible", map(_stated, alone))
         return lines
 
     def table(self) -> list[tuple[str, ...]]:
@@ -218,9 +212,7 @@ class Comparison:
         """An example state of the output that differs most, and notes."""
         lines = []
         if self.outputs and not self:
-            worst = max(
-                self.outputs, key=lambda o: o.total.attained / (o.tolerance or 1.0)
-            )
+            worst = self._worst
             state = ", ".join(
                 f"{name} = ({', '.join(f'{x:.4g}' for x in values)})"
                 for name, values in worst.total.state.items()
@@ -233,6 +225,17 @@ class Comparison:
     def to_dict(self) -> dict[str, Any]:
         """JSON-able data, a document of the published schema."""
         return {"schema": SCHEMA_NAME, **asdict(self)}
+
+
+def _described(found: BaseDifference) -> str:
+    values = f"{found.first:.6g} and {found.second:.6g} {found.unit}"
+    expression = shortened(found.expression, _LONGEST)
+    return f"{expression}: {values}, up to {found.effect:.3g} in {found.output}"
+
+
+def _stated(found: ParameterDifference) -> str:
+    values = f"{found.first:.6g} and {found.second:.6g} {found.unit}"
+    return f"{found.name} ({found.body}): {values}"
 
 
 def _shown(title: str, entries: Iterable[object]) -> list[str]:
