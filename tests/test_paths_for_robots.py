@@ -50,7 +50,6 @@ CALLS: dict[str, Any] = {
     "special_geometry": lambda robot: ec.special_geometry(robot),
     "sensor_report": lambda robot: ec.sensor_report(robot),
     "match": lambda robot: ec.match(robot, robot),
-    "compare": lambda robot: ec.compare(robot, robot),
     "same_row_space": lambda robot: ec.same_row_space(robot, robot),
     "audit": lambda robot: ec.audit(robot, ["ZZ2"]),
     "generate": lambda robot: sorted(ec.generate(robot)),
