@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from echelon.algebra import DEFAULT_SEED, random_generator
-from echelon.base.match import JointAxis, shortest_turn, turn_about
+from echelon.base.match import JointAxis, gravity_value, shortest_turn, turn_about
 from echelon.dynamics import CompiledAssembly, Kinematics
 from echelon.loops import normalised
 from echelon.robot import (
@@ -25,7 +25,6 @@ from echelon.robot import (
     Motion,
     MotionKind,
     characteristic_length,
-    symbol_values,
 )
 from echelon.shared import Floats, InputError, listed
 
@@ -192,7 +191,7 @@ def correspondence(
     ours, theirs = ZeroPose(first), ZeroPose(second)
     pairs = _paired(first, second, ours, theirs)
     length = tolerance * characteristic_length(first)
-    pulls = _gravity(first), _gravity(second)
+    pulls = gravity_value(first), gravity_value(second)
     candidates = [np.eye(4), _base_move(ours, theirs, pairs, pulls)]
     walks = [_Walk(ours, theirs, place, tolerance, length) for place in candidates]
     for walk in walks:
@@ -211,14 +210,6 @@ def correspondence(
     if not any(difference.kind != "gravity" for difference in walk.found):
         walk.found += _moves_otherwise(first, second, found, length)
     return replace(found, differences=tuple(walk.found))
-
-
-def _gravity(mechanism: Mechanism) -> Floats:
-    if mechanism.gravity is None:
-        return np.zeros(3)
-    names = sorted({s for part in mechanism.gravity for s in part.symbols()})
-    values = symbol_values(mechanism, names)
-    return np.array([part.evaluate(values, float) for part in mechanism.gravity])
 
 
 def _paired(
@@ -342,12 +333,12 @@ class _Walk:
             self.moves[i] = self._aligned(i, j, self.moves[parent])
 
     def _parts(self, i: int, j: int, place: Floats) -> list[GeometryDifference]:
-        """What a motion and its counterpart have apart by more than the tolerance."""
+        """Differences of a motion and its counterpart beyond the tolerance."""
         sizes = self._sizes(i, j, place)
         return [part for part in sizes if part.size > self.limits[part.unit]]
 
     def _sizes(self, i: int, j: int, place: Floats) -> list[GeometryDifference]:
-        """All that a motion and its counterpart have apart, however little."""
+        """Differences of a motion and its counterpart, however small."""
         motion, name = self.ours.motions[i], self.ours.motions[i].name
         ours, theirs = _moved(place, self.ours.screws[i]), self.theirs.screws[j]
         if motion.kind is MotionKind.BALL:

@@ -413,12 +413,16 @@ def _down(mechanism: Mechanism) -> Floats | None:
     """Direction of gravity."""
     if mechanism.gravity is None:
         return None
-    values = symbol_values(
-        mechanism, sorted({s for part in mechanism.gravity for s in part.symbols()})
-    )
-    vector = np.array([part.evaluate(values, float) for part in mechanism.gravity])
+    vector = gravity_value(mechanism)
     down: Floats = vector / np.linalg.norm(vector)
     return down
+
+
+def gravity_value(mechanism: Mechanism) -> Floats:
+    """Gravity in the base frame at the stated values, m/s²; zero where there is none."""
+    parts = mechanism.gravity or ()
+    values = symbol_values(mechanism, sorted({s for p in parts for s in p.symbols()}))
+    return np.array([part.at(values) for part in parts] or [0.0] * 3)
 
 
 def _angle(axis: Floats, start: Floats, end: Floats) -> float:

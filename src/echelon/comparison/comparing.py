@@ -19,7 +19,7 @@ from echelon.comparison.inertias import (
     with_effects_of,
     with_stated_effects,
 )
-from echelon.comparison.outputs import PARTS, OutputDifference, StateBox, Term
+from echelon.comparison.outputs import PARTS, OutputDifference, OutputTerm, StateBox
 from echelon.comparison.result import (
     BaseDifference,
     Comparison,
@@ -205,7 +205,7 @@ def _terms(
     two: Mechanism,
     pairs: Correspondence,
     inertial: InertialDifference,
-) -> tuple[Term, ...]:
+) -> tuple[OutputTerm, ...]:
     """The difference of outputs: of one robot with the differences of base parameters, or of both."""
     one = base.mechanism
     ours = [output.name for output in one.outputs]
@@ -219,11 +219,13 @@ def _terms(
     if inertial.complete and not pairs.differences and same_sensors:
         apart = np.flatnonzero(inertial.base).tolist() or [0][: base.rank]
         pivots = [base.matrix.pivots[k] for k in apart]
-        return (Term(one, pivots, inertial.base[apart], q, qd, range(len(ours))),)
+        return (OutputTerm(one, pivots, inertial.base[apart], q, qd, range(len(ours))),)
     positions = two.independent_positions if two.closures else two.positions
     return (
-        Term(one, range(len(one.parameters)), inertial.first, q, qd, range(len(ours))),
-        Term(
+        OutputTerm(
+            one, range(len(one.parameters)), inertial.first, q, qd, range(len(ours))
+        ),
+        OutputTerm(
             two,
             range(len(two.parameters)),
             -inertial.second,

@@ -83,7 +83,7 @@ def _actions(effect: Effect, names: Mapping[str, str]) -> tuple[Action, ...]:
 
 
 class InertialDifference:
-    """What the inertial values of two robots have apart, in standard and base parameters of the first."""
+    """Differences of the inertial values of two robots, in standard and base parameters of the first."""
 
     def __init__(
         self, base: BaseModel, one: Mechanism, two: Mechanism, pairs: Correspondence
@@ -165,7 +165,7 @@ class InertialDifference:
         return total
 
     def _noise(self, values: Floats) -> Floats:
-        """What the last decimals of both files can move ten values by, and computing with them."""
+        """Errors of ten values by rounding: of the last decimals of both files, and of computing with them."""
         mass, centre, moment = self._halves
         share, length = self._share, self._length
         weight = abs(values[-1])

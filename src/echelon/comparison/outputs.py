@@ -1,4 +1,4 @@
-"""How far outputs are apart over all states within limits: the largest that was met, and a bound that none exceeds.
+"""Largest differences of outputs over all states within limits: one that was met, and a bound that none exceeds.
 
 Outputs are weight + M q̈ + Coriolis + effects, so that each part has an attained value, a bound and an example.  With
 one geometry the difference of two robots is an output of one, whose base parameters are the differences; any other is
@@ -53,7 +53,7 @@ _SHARP = 1.01
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class OutputTerm:
     """Outputs of one robot with some parameters, and zero for all others, in the coordinates of the first robot."""
 
     mechanism: Mechanism
@@ -162,7 +162,7 @@ class StateBox:
 class OutputDifference:
     """The sum of terms, over a box of states."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[OutputTerm, ...]
     box: StateBox
 
     def parts(self, states: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""What a comparison found, as an object, as text and as JSON-able data."""
+"""Result of a comparison, as an object, as text and as JSON-able data."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ class Comparison:
         )
 
     def heading(self) -> list[str]:
-        """What differs in words: verdict, geometry, base parameters, and what nobody sees."""
+        """Verdict, pairs, geometry, base parameters, and differences that nobody sees, a line each."""
         seen = {
             Equality.EQUAL: "equal up to what the outputs see",
             Equality.DIFFERENT: "different",

@@ -58,7 +58,7 @@ def interval_values(
 
 
 def _turn_of(program: Program, op: Op, node: int) -> dict[Op, tuple[int, int]] | None:
-    """What a sum a·cos(x) + b·sin(x), or difference, multiplies cosine and sine by, as nodes with signs; and x."""
+    """Factors a and b of a node a·cos(x) ± b·sin(x), and the angle x under INPUT, as nodes with signs."""
     if op not in (Op.ADD, Op.SUB):
         return None
     for x, kind, a in _waves_of(program, program.lhs[node]):
