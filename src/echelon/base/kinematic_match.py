@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from echelon.algebra import DEFAULT_SEED, random_generator
 from echelon.base.match import JointAxis, gravity_value, shortest_turn, turn_about
@@ -233,20 +232,20 @@ def _paired(
     while waiting:
         at = waiting.pop(0)
         mine, others = ours.children(at[0]), theirs.children(at[1])
-        cost = [[_cost(ours, theirs, i, j) for j in others] for i in mine]
         where = "the base" if at[0] == GROUND else f"'{ours.motions[at[0]].name}'"
         if len(mine) != len(others):
             raise InputError(
                 f"{where} carries {len(mine)} joints of {first.name} and {len(others)} of {second.name}"
             )
-        chosen = []
-        if mine:
-            rows, columns = linear_sum_assignment(np.array(cost))
-            chosen = [(mine[r], others[c]) for r, c in zip(rows, columns, strict=True)]
-        for i, j in chosen:
+        costs = [(_cost(ours, theirs, i, j), i, j) for i in mine for j in others]
+        chosen: dict[int, int] = {}
+        for _, i, j in sorted(costs):
+            if i not in chosen and j not in chosen.values():
+                chosen[i] = j
+        for i, j in chosen.items():
             _check_pair(ours.motions[i], theirs.motions[j], only[0])
-        pairs += chosen
-        waiting += chosen
+        pairs += chosen.items()
+        waiting += chosen.items()
     return pairs
 
 
