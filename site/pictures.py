@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from echelon.base.model import BaseModel
+from echelon.comparison.result import Comparison
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import TEMPLATES, render
@@ -103,6 +104,35 @@ def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
     )
 
 
+ROW, LEFT, WIDTH = 26, 110, 440
+"""Height of a bar with its gap, where bars begin, and the length of the longest, in pixels."""
+
+
+def comparison(found: Comparison) -> Picture:
+    """Bars of the largest differences of outputs: what was attained in front of what none exceeds."""
+    totals = [output.total for output in found.outputs]
+    scale = WIDTH / max(total.bound or total.attained for total in totals)
+    height = ROW * len(totals) + 30
+    alt = f"Largest differences of the torques of {found.first}: attained, in front of bounds"
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {LEFT + WIDTH + 130} {height}" role="img" '
+        f'aria-label="{alt}" font-family="sans-serif" font-size="12" fill="currentColor">',
+        "<style>svg{color:#1f2328}@media(prefers-color-scheme:dark){svg{color:#e6edf3}}</style>",
+    ]
+    for k, (output, total) in enumerate(zip(found.outputs, totals, strict=True)):
+        top, bound = k * ROW + 6, total.bound or total.attained
+        lines += [
+            f'<text x="{LEFT - 8}" y="{top + 13}" text-anchor="end">{output.name}</text>',
+            f'<rect x="{LEFT}" y="{top}" width="{bound * scale:.0f}" height="18" fill="#9bb7d4"/>',
+            f'<rect x="{LEFT}" y="{top + 4}" width="{total.attained * scale:.0f}" height="10" fill="#1f5a96"/>',
+            f'<text x="{LEFT + bound * scale + 8:.0f}" y="{top + 13}">'
+            f"{total.attained:.2g} ≤ {bound:.2g} {output.unit}</text>",
+        ]
+    legend = "dark: the largest difference that was met; light: no state within the limits exceeds it"
+    lines.append(f'<text x="{LEFT}" y="{height - 8}">{legend}</text>')
+    return Picture("\n".join([*lines, "</svg>"]) + "\n", alt)
+
+
 def write(folder: Path) -> None:
     """The pictures of README and of the documentation."""
     import echelon
@@ -117,6 +147,9 @@ def write(folder: Path) -> None:
     (folder / "panda-structure.svg").write_text(structure(base).svg, encoding="utf-8")
     moving = hero_picture.picture(ROOT / "examples/panda.yaml")
     (folder / "hero.svg").write_text(moving, encoding="utf-8")
+    arms = (ROOT / "examples/so101.urdf", ROOT / "docs/examples/so101_cad.urdf")
+    found = echelon.compare(*arms, limits={"velocity": 3, "acceleration": 20})
+    (folder / "compare.svg").write_text(comparison(found).svg, encoding="utf-8")
     (folder / "rooms.svg").write_text(picture(), encoding="utf-8")
     table = echelon.Experiment(base.mechanism, "table")
     wall = echelon.Experiment(base.mechanism, "wall", gravity=(9.81, 0, 0))

@@ -21,6 +21,7 @@ PRINTED = {
     "10_identify.py": "The model predicts every output well",
     "11_experiments.py": "the wall alone shows all: 45",
     "12_elastic_joint.py": "stiffness within four standard deviations: True",
+    "13_compare.py": "gripper 8 g heavier: different, 23 of 36 base parameters",
 }
 """A line that each script prints."""
 

@@ -158,6 +158,7 @@ CASES: list[tuple[str, str | None]] = [
     (f"derive {EXAMPLES}/linear/arrhenius.yaml", None),
     (f"derive {EXAMPLES}/so101.urdf --rank-only", None),
     ("verify set.json", None),
+    (f"compare {EXAMPLES}/so101.urdf {EXAMPLES}/so101.urdf", None),
     (f"sensors {PENDULUM}", None),
     (f"audit {PENDULUM} set.json", None),
     *(

@@ -18,13 +18,13 @@ import pytest
 import echelon as ec
 
 PUBLIC = [
-    "AssemblyWarning", "Audit", "BaseModel", "CertificateError", "ClosedFormError", "DoubtWarning", "EchelonError",
-    "Estimate",
+    "AssemblyWarning", "Audit", "BaseModel", "CertificateError", "ClosedFormError", "Comparison", "DoubtWarning", "EchelonError",
+    "Equality", "Estimate",
     "ExcitingTrajectory", "Experiment", "Expression", "Identifiability", "Identification", "InputError", "LinearBase",
     "LinearModel", "Match", "Mechanism", "MissingExtraError", "NormalEquations", "NumericComparison",
     "Observation", "Payload", "RecordedRows", "RowSpaces", "SensorReport", "ServoFit", "Setup", "SpecialGeometry",
     "Structure", "SymbolicRegressor", "Trajectory", "Verdict", "__version__",
-    "audit", "base_parameters", "base_structure", "compare_numeric", "convert",
+    "audit", "base_parameters", "base_structure", "compare", "compare_numeric", "convert",
     "convert_columns", "drive_gains", "energy_regressor", "exciting_trajectory", "fit_servos", "gains_from_logs",
     "generate", "identify", "information_of_logs", "joined", "joint_side", "judged_trajectory", "load", "load_base",
     "load_identified", "load_linear", "load_linear_base", "load_model", "load_setup", "match", "motion_ranks", "plan", "power_regressor",

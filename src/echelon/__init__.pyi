@@ -32,6 +32,9 @@ from echelon.base.special import special_geometry as special_geometry
 from echelon.base.structure import Structure as Structure
 from echelon.base.symbolic import SymbolicRegressor as SymbolicRegressor
 from echelon.codegen.source import generate as generate
+from echelon.comparison.comparing import compare as compare
+from echelon.comparison.result import Comparison as Comparison
+from echelon.comparison.result import Equality as Equality
 from echelon.compute.observe.observation import NormalEquations as NormalEquations
 from echelon.compute.observe.observation import Observation as Observation
 from echelon.dynamics.models import LinearModel as LinearModel

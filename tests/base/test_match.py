@@ -155,3 +155,24 @@ def test_what_differs_is_named(tmp_path: Path) -> None:
         ec.InputError, match="only revolute and prismatic joints can be matched"
     ):
         ec.match(robot, ec.load(EXAMPLES / "floating_tree.yaml"))
+
+
+def test_bases_at_an_oblique_angle(tmp_path: Path) -> None:
+    """A first axis that is tilted by no right angle is laid over its counterpart, and gravity with it."""
+    tilted = """
+echelon: 1
+name: tilted
+symbols: {g: 9.81}
+gravity: [0, g*sin(0.3), -g*cos(0.3)]
+modified_dh:
+  - {joint: revolute, alpha: 0.3, d: 0.2}
+  - {joint: revolute, alpha: pi/2, a: 0.4}
+  - {joint: revolute, a: 0.3, alpha: 0.5}
+"""
+    upright = tilted.replace("0, g*sin(0.3), -g*cos(0.3)", "0, 0, -g")
+    upright = upright.replace("alpha: 0.3,", "alpha: 0.6,")
+    upright = upright.replace("0, 0, -g", "0, g*sin(0.6), -g*cos(0.6)")
+    found = ec.match(
+        described(tmp_path, tilted), described(tmp_path, upright, "upright.yaml")
+    )
+    check_torques(found)

@@ -2,6 +2,7 @@
 
 from mutation import (
     base,
+    comparison,
     data,
     estimation,
     exact,
@@ -18,6 +19,7 @@ FAULTS: tuple[Fault, ...] = (
     *program.FAULTS,
     *regressor.FAULTS,
     *base.FAULTS,
+    *comparison.FAULTS,
     *mechanism.FAULTS,
     *formats.FAULTS,
     *numerics.FAULTS,

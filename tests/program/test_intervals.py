@@ -348,3 +348,30 @@ def test_smooth_programs_stay_themselves() -> None:
     program = Program()
     node = (program.input("x").sin() * 2).node
     assert smoothed(program, [node], 0.1) == (program, [node])
+
+
+@given(RANGES, RANGES, RANGES, st.sampled_from(["add", "subtract"]), st.booleans())
+def test_turning_vectors_have_exact_bounds(
+    angle: tuple[float, float],
+    first: tuple[float, float],
+    second: tuple[float, float],
+    kind: str,
+    swapped: bool,
+) -> None:
+    """a·cos(x) ± b·sin(x) reaches its bounds at ends of a and b: dense samples come near them and never beyond."""
+    program = Program()
+    x, a, b = (program.input(name) for name in ("x", "a", "b"))
+    waves = (x.sin(), x.cos()) if swapped else (x.cos(), x.sin())
+    node = getattr(program, kind)((a * waves[0]).node, (b * waves[1]).node)
+    ranges = {
+        scalar.node: tuple(np.array(end) for end in ends)
+        for scalar, ends in ((x, angle), (a, first), (b, second))
+    }
+    ((low, high),) = interval_values(program, [node], ranges)
+    places = np.linspace(*angle, 2001)
+    sign = 1 if kind == "add" else -1
+    one, two = (np.sin, np.cos) if swapped else (np.cos, np.sin)
+    values = [p * one(places) + sign * q * two(places) for p in first for q in second]
+    slack = 1e-12 + 1e-5 * (np.max(np.abs(first)) + np.max(np.abs(second)))
+    assert low <= np.min(values) <= low + slack
+    assert high - slack <= np.max(values) <= high

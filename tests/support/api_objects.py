@@ -346,6 +346,8 @@ OBJECTS: Mapping[str, Example] = {
     "row spaces": Example(
         lambda: ec.same_row_space(base(), ec.energy_regressor(base().mechanism))
     ),
+    "comparison": Example(lambda: ec.compare(*[EXAMPLES / "so101.urdf"] * 2)),
+    "equality": Example(lambda: ec.Equality.EQUAL),
     "sensors": Example(lambda: ec.sensor_report(base().mechanism)),
     "audit": Example(lambda: ec.audit(base(), file("wrong.txt")), str),
     "source": Example(

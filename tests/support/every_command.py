@@ -47,7 +47,14 @@ LOOP = (ROOT / "examples" / "loops" / "four_bar.yaml").read_text(encoding="utf-8
 LINEAR = (ROOT / "examples" / "linear" / "arrhenius.yaml").read_text(encoding="utf-8")
 CLAIMED = "ZZ1 + l1^2*M2\nMX1 + l1*M2\nMY1\nZZ2\nMX2\n"
 LANGUAGES = ("c", "cpp", "cuda", "python", "jax", "casadi", "matlab", "julia", "rust")
-SCHEMAS = ("description", "base-model", "linear-base", "identified", "trajectory")
+SCHEMAS = (
+    "description",
+    "base-model",
+    "linear-base",
+    "identified",
+    "trajectory",
+    "comparison",
+)
 
 COMMANDS = {
     "text": "derive arm.yaml",
@@ -66,6 +73,7 @@ COMMANDS = {
     "verify": "verify arm.json --seed 7 --json",
     "sensors": "sensors arm.yaml --size 2 --json",
     "audit": "audit arm.yaml claimed.txt --json",
+    "compare": "compare arm.yaml arm.yaml --json",
     **{
         f"generate-{name}": f"generate arm.yaml --target {name} -o code-{name} --json"
         for name in LANGUAGES

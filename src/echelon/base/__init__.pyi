@@ -20,6 +20,10 @@ from echelon.base.expression import TextStyle as TextStyle
 from echelon.base.expression import angle_text as angle_text
 from echelon.base.expression import coefficient_text as coefficient_text
 from echelon.base.expression import render as render
+from echelon.base.kinematic_match import Correspondence as Correspondence
+from echelon.base.kinematic_match import GeometryDifference as GeometryDifference
+from echelon.base.kinematic_match import ZeroPose as ZeroPose
+from echelon.base.kinematic_match import correspondence as correspondence
 from echelon.base.linear_base import LinearBase as LinearBase
 from echelon.base.matrix import Identifiability as Identifiability
 from echelon.base.model import BaseModel as BaseModel

@@ -31,7 +31,7 @@ MOST_PAIRINGS = 256
 PARALLEL = 1e-6
 """Sine of an angle, or distance of axes in m, that counts as zero."""
 Wanted = dict[
-    int, tuple[Floats, "_JointAxis"]
+    int, tuple[Floats, "JointAxis"]
 ]  # by body of the second: the first's frame and axis, in the second's base
 
 
@@ -183,22 +183,22 @@ def _base_map(
 
 
 @dataclass(frozen=True)
-class _JointAxis:
+class JointAxis:
     """A joint axis; a prismatic joint's is nowhere in particular."""
 
     turns: bool
     point: Floats
     direction: Floats
 
-    def moved(self, frame: Floats) -> _JointAxis:
+    def moved(self, frame: Floats) -> JointAxis:
         """The axis carried along with a frame."""
-        return _JointAxis(
+        return JointAxis(
             self.turns,
             frame[:3, :3] @ self.point + frame[:3, 3],
             frame[:3, :3] @ self.direction,
         )
 
-    def amounts(self, child: _JointAxis, wanted: _JointAxis) -> list[float]:
+    def amounts(self, child: JointAxis, wanted: JointAxis) -> list[float]:
         """Displacements of this joint that bring another axis into place: one or two, or none."""
         normal, apart = (
             np.cross(child.direction, self.direction),
@@ -260,13 +260,13 @@ class _PosedMechanism:
         """The name of a body's only coordinate."""
         return self.bodies[body].joint.motions[0].name
 
-    def _axis(self, body: int, slopes: Floats) -> _JointAxis:
+    def _axis(self, body: int, slopes: Floats) -> JointAxis:
         slope = slopes[..., self.mechanism.positions.index(self.coordinate(body))]
         if self.bodies[body].joint.motions[0].kind is MotionKind.TRANSLATION:
-            return _JointAxis(False, np.zeros(3), slope[:, 3])
+            return JointAxis(False, np.zeros(3), slope[:, 3])
         spin = slope[:, :3] @ self.frames[body][:3, :3].T
         direction = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
-        return _JointAxis(
+        return JointAxis(
             True, self.frames[body][:3, 3] + np.cross(direction, slope[:, 3]), direction
         )
 
@@ -310,7 +310,7 @@ def _pose(
 
 
 def _compare(
-    wanted: _JointAxis, actual: _JointAxis, where: str, tolerance: float
+    wanted: JointAxis, actual: JointAxis, where: str, tolerance: float
 ) -> None:
     if wanted.turns != actual.turns:
         raise InputError("one is a rotation, the other a translation", element=where)
@@ -337,13 +337,13 @@ def _base(
 ) -> Floats:
     """The first's base in the second's: first axes and gravity coincide, with the least movement."""
     axis, other = ours.axes[i], theirs.axes[j]
-    rotation = _shortest_turn(axis.direction, other.direction)
+    rotation = shortest_turn(axis.direction, other.direction)
     down, their_down = _down(ours.mechanism), _down(theirs.mechanism)
     if (down is None) != (their_down is None):
         raise InputError("one description has gravity, the other has none")
     if down is not None and their_down is not None:
         rotation = (
-            _rotation(
+            turn_about(
                 other.direction, _angle(other.direction, rotation @ down, their_down)
             )
             @ rotation
@@ -413,12 +413,16 @@ def _down(mechanism: Mechanism) -> Floats | None:
     """Direction of gravity."""
     if mechanism.gravity is None:
         return None
-    values = symbol_values(
-        mechanism, sorted({s for part in mechanism.gravity for s in part.symbols()})
-    )
-    vector = np.array([part.evaluate(values, float) for part in mechanism.gravity])
+    vector = gravity_value(mechanism)
     down: Floats = vector / np.linalg.norm(vector)
     return down
+
+
+def gravity_value(mechanism: Mechanism) -> Floats:
+    """Gravity in the base frame at the stated values, m/s²; zero where there is none."""
+    parts = mechanism.gravity or ()
+    values = symbol_values(mechanism, sorted({s for p in parts for s in p.symbols()}))
+    return np.array([part.at(values) for part in parts] or [0.0] * 3)
 
 
 def _angle(axis: Floats, start: Floats, end: Floats) -> float:
@@ -430,22 +434,22 @@ def _angle(axis: Floats, start: Floats, end: Floats) -> float:
     return float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > PARALLEL else 0.0
 
 
-def _rotation(axis: Floats, angle: float) -> Floats:
+def turn_about(axis: Floats, angle: float) -> Floats:
     """The matrix of a turn, by Rodrigues' formula."""
-    cross = np.cross(np.eye(3), axis).T
+    cross = np.cross(np.eye(3), axis)
     turned: Floats = (
         np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
     )
     return turned
 
 
-def _shortest_turn(start: Floats, end: Floats) -> Floats:
+def shortest_turn(start: Floats, end: Floats) -> Floats:
     """The least rotation that brings one line of a direction onto another: never more than a quarter turn."""
     end = end * (1 if start @ end >= 0 else -1)
     normal = np.cross(start, end)
     size = np.linalg.norm(normal)
     return (
-        _rotation(normal / size, float(np.arctan2(size, start @ end)))
+        turn_about(normal / size, float(np.arctan2(size, start @ end)))
         if size > 1e-15
         else np.eye(3)
     )

@@ -355,7 +355,14 @@ def predict(
     run_predict(model, log, output_file(output, force), as_json=as_json)
 
 
-Schema = Literal["description", "base-model", "linear-base", "identified", "trajectory"]
+Schema = Literal[
+    "description",
+    "base-model",
+    "linear-base",
+    "identified",
+    "trajectory",
+    "comparison",
+]
 
 
 @app.command(epilog="Example: echelon verify panda.json")
@@ -438,6 +445,74 @@ def _definitions(texts: Sequence[str]) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in parts}
 
 
+@app.command(epilog="Example: echelon compare cad.urdf vendor.urdf --velocity 2")
+@reads_robot(
+    "floating",
+    "gravity",
+    "snap_tolerance",
+    "mimic",
+    "keep_fixed_links",
+    "massless",
+    "ignore",
+    "model",
+)
+def compare(
+    first: Robot,
+    second: Annotated[Path, typer.Argument(help="A robot with the same joints.")],
+    read: dict[str, Any],
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            help="Difference of outputs that counts as none, N·m or N; default: what the files' last decimals explain.",
+        ),
+    ] = None,
+    velocity: Annotated[
+        float | None,
+        typer.Option(min=0, help="Largest speed of all joints, rad/s or m/s."),
+    ] = None,
+    acceleration: Annotated[
+        float | None,
+        typer.Option(min=0, help="Largest acceleration of all joints, rad/s² or m/s²."),
+    ] = None,
+    lock: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A joint to hold, such as finger=0, in each robot that has it; may be repeated."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    output: Output = None,
+    force: Force = False,
+) -> None:
+    """Compare two robots by what their sensors see: geometry, base parameters, and outputs within limits of the motion.
+
+    Exit codes: 0 equal, 1 different, 2 not readable or not comparable, 3 undecided.
+    """
+    from echelon.cli.compare import run_compare
+    from echelon.cli.destination import output_file
+
+    stated = {"velocity": velocity, "acceleration": acceleration}
+    limits = {name: value for name, value in stated.items() if value is not None}
+    target = output_file(output, force)
+    options = {"tolerance": tolerance, "limits": limits, "locked": _held(lock or ())}
+    raise typer.Exit(run_compare(first, second, read, options, target, as_json=as_json))
+
+
+def _held(texts: Sequence[str]) -> dict[str, float]:
+    """Positions of joints by name, from texts ``NAME=POSITION``."""
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(
+                f"--lock takes NAME=POSITION, such as finger=0.02, not '{text}'"
+            ) from None
+    return found
+
+
 @app.command(epilog="Example: echelon schema description > robot.schema.json")
 def schema(
     which: Annotated[Schema, typer.Argument(help="Which schema to print.")],
@@ -456,6 +531,10 @@ def schema(
         from echelon.excite import trajectory_schema
 
         found = trajectory_schema()
+    elif which == "comparison":
+        from echelon.comparison import comparison_schema
+
+        found = comparison_schema()
     else:
         records: dict[str, Any] = {
             "base-model": BaseModelRecord,

@@ -23,6 +23,7 @@ from echelon.identification import Finding, Severity, counted
 from echelon.shared import PARAMETERS, one_line
 
 if TYPE_CHECKING:
+    from echelon.comparison import Comparison
     from echelon.identification import (
         Estimate,
         Identification,
@@ -40,6 +41,27 @@ _COLOURS = {
 _PARAMETERS = (
     24  # parameters that are listed; the rest is in the report and in model.json
 )
+
+
+def print_comparison(found: Comparison) -> None:
+    """Print what differs, and outputs as a table."""
+    console = Console()
+    title, *lines = found.heading()
+    console.print(Text(one_line(title), style="bold green" if found else "bold red"))
+    for line in lines:
+        console.print(Text(one_line(line)))
+    head, *rows = found.table()
+    table = Table(show_header=True, header_style="bold", box=None, padding=(0, 2, 0, 0))
+    table.add_column(head[0])
+    for name in head[1:]:
+        table.add_column(name, justify="right")
+    for output, row in zip(found.outputs, rows, strict=True):
+        alike = output.total.attained <= output.tolerance
+        cells = (Text(one_line(cell)) for cell in row)
+        table.add_row(*cells, style="dim" if alike else None)
+    console.print(table)
+    for line in found.closing():
+        console.print(Text(one_line(line)))
 
 
 def print_model(model: BaseModel, *, full: bool = False) -> None:

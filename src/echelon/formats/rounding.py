@@ -76,10 +76,10 @@ def _coarsest(
         for value in turns
         if abs(float(value) - nearest_step(float(value))) > ANGLE_TOLERANCE
     ]
-    return max(_last_decimal(lengths) / (size or 1.0), _last_decimal(general))
+    return max(last_decimal(lengths) / (size or 1.0), last_decimal(general))
 
 
-def _last_decimal(numbers: Iterable[Rational]) -> float:
+def last_decimal(numbers: Iterable[Rational]) -> float:
     """The unit of the last decimal that many numbers have, of the largest one's where all have as many digits.
 
     0 if all are short, or on a grid.

@@ -6,7 +6,7 @@ without trust in the samples.  Bounds are widened by a relative 1e-14 at every o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ Interval = tuple[Floats, Floats]  # least and largest values, of one shape
 
 _ROUNDING = 1e-14
 _SLACK = 1e-12  # turns: places of extremes and poles are known up to rounding
+_TURN = Op.INPUT, Op.COS, Op.SIN
 _LARGEST = np.finfo(float).max
 _MONOTONIC = {Op.EXP: np.exp, Op.TANH: np.tanh, Op.ATAN: np.arctan, Op.SIGN: np.sign}
 
@@ -48,9 +49,66 @@ def interval_values(
             elif op is Op.CONSTANT:
                 value = np.asarray(float(program.constants[node]))
                 found[node] = _widened(value, value)
+            elif (turn := _turn_of(program, op, node)) is not None:
+                parts = [_signed(found[turn[kind][0]], turn[kind][1]) for kind in _TURN]
+                found[node] = _turned(*parts)
             else:
                 found[node] = _operation(program, op, node, found)
     return [found[node] for node in outputs]
+
+
+def _turn_of(program: Program, op: Op, node: int) -> dict[Op, tuple[int, int]] | None:
+    """Factors a and b of a node a·cos(x) ± b·sin(x), and the angle x under INPUT, as nodes with signs."""
+    if op not in (Op.ADD, Op.SUB):
+        return None
+    for x, kind, a in _waves_of(program, program.lhs[node]):
+        for y, other, b in _waves_of(program, program.rhs[node]):
+            if x == y and kind is not other:
+                return {
+                    kind: (a, 1),
+                    other: (b, 1 if op is Op.ADD else -1),
+                    Op.INPUT: (x, 1),
+                }
+    return None
+
+
+def _waves_of(program: Program, node: int) -> Iterator[tuple[int, Op, int]]:
+    """Angle, function and other factor of a product with sines or cosines."""
+    if program.ops[node] == Op.MUL:
+        a, b = program.lhs[node], program.rhs[node]
+        for wave, factor in ((a, b), (b, a)):
+            if program.ops[wave] in (Op.SIN, Op.COS):
+                yield program.lhs[wave], Op(program.ops[wave]), factor
+
+
+def _turned(x: Interval, a: Interval, b: Interval) -> Interval:
+    """Bounds of a·cos(x) + b·sin(x), a coordinate of a vector that turns.
+
+    At every x they are reached at an end of a and of b, where the sum is one wave.
+    """
+    ends = [_one_wave(x, p, q) for p in a for q in b]
+    low = np.minimum(
+        np.minimum(ends[0][0], ends[1][0]), np.minimum(ends[2][0], ends[3][0])
+    )
+    high = np.maximum(
+        np.maximum(ends[0][1], ends[1][1]), np.maximum(ends[2][1], ends[3][1])
+    )
+    return low, high
+
+
+def _signed(a: Interval, sign: int) -> Interval:
+    return a if sign > 0 else (-a[1], -a[0])
+
+
+def _one_wave(x: Interval, a: Floats, b: Floats) -> Interval:
+    """Bounds of a·cos(x) + b·sin(x) for numbers a and b."""
+    size, start = np.hypot(a, b), np.arctan2(b, a)
+    low, high = x[0] - start, x[1] - start
+    wave = _wave(np.cos(low), np.cos(high), low / (2 * np.pi), high / (2 * np.pi))
+    slack = np.minimum(_ROUNDING * (1 + np.abs(x[0]) + np.abs(x[1])), 2.0)
+    known = np.isfinite(size)
+    least, largest = size * (wave[0] - slack), size * (wave[1] + slack)
+    return np.where(known, least, -np.inf), np.where(known, largest, np.inf)
 
 
 def _operation(

@@ -94,6 +94,17 @@ class ResolvedLimits:
             )
 
 
+def resolved_limits(
+    mechanism: Mechanism,
+    entry: LimitsEntry,
+    stated: Mapping[str, StatedLimits],
+    source: str,
+    idle: Collection[str] = (),
+) -> ResolvedLimits:
+    """Limits of all independent coordinates: those of an entry, else of the robot file, else defaults, with notes."""
+    return _Resolver(mechanism, entry, stated, source, idle).resolved()
+
+
 class _Resolver:
     """Limits of the coordinates that move."""
 
@@ -352,9 +363,9 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
                 "no output depends on a parameter, however the robot moves: the base set is empty"
             )
         stated = stated_limits(setup.robot_file, mechanism) if setup.robot_file else {}
-        limits = _Resolver(
+        limits = resolved_limits(
             mechanism, entry.limits, stated, setup.source, names_of(setup.mechanism)
-        ).resolved()
+        )
         findings += limits.findings
         smooth = SMOOTH_SPEED * min(
             [limit.high for limit in limits.motion if limit.order == 1], default=1.0
