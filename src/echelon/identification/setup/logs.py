@@ -365,8 +365,9 @@ def _columns_without(
     q, v, a, r = (
         left(kind) for kind in ("position", "velocity", "acceleration", "reference")
     )
+    y = left("output", {*locked, *silent})
     return ColumnMap(
-        columns.time, columns.rate, q, v, a, left("output", {*locked, *silent}), r
+        columns.time, columns.rate, q, v, a, y, r, sensors=columns.sensors
     )
 
 

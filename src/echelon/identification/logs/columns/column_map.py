@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from echelon.identification.logs.columns.motion_sensors import MotionSensor, Sensors
 from echelon.identification.logs.recording import Recording
 from echelon.robot import Actuator, Mechanism, Motion, MotionKind
 
@@ -31,8 +32,8 @@ class ColumnMap:
     """Which columns hold which quantities.
 
     Keys of positions, velocities, accelerations and references are coordinates of the mechanism; or actuators, for what
-    is measured on the motor's side of the gear.  Keys of outputs are its outputs; or actuators, whose forces become
-    those of the joints (τ_q = Tᵀ τ_θ) where joints are the outputs.
+    is measured on the motor's side of the gear; or sensors of motion.  Keys of outputs are its outputs; or actuators,
+    whose forces become those of the joints (τ_q = Tᵀ τ_θ) where joints are the outputs.
     """
 
     time: Channel | None = (
@@ -52,6 +53,8 @@ class ColumnMap:
     )  # positions that the controller was asked for
     # measured inputs that effects use, such as currents, by coordinate or actuator
     inputs: Mapping[str, Channel] = field(default_factory=dict)
+    # those whose names positions, velocities, accelerations and references use
+    sensors: Mapping[str, MotionSensor] = field(default_factory=dict)
 
     @property
     def channels(self) -> dict[str, Mapping[str, Channel]]:
@@ -106,8 +109,13 @@ def independent_coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
     )
 
 
-def units(mechanism: Mechanism, kind: str, name: str) -> tuple[str, ...] | None:
+def units(
+    mechanism: Mechanism, kind: str, name: str, sensors: Sensors
+) -> tuple[str, ...] | None:
     """SI units that a channel may have: two for an actuator, which turns or slides; None for an input."""
+    if name in sensors:
+        every = [units(mechanism, kind, part, {}) or () for part in sensors[name].weights]
+        return tuple(dict.fromkeys(unit for some in every for unit in some))
     if kind == "input":
         return None
     if kind == "output":
