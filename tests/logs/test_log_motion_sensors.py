@@ -26,6 +26,9 @@ bodies:
     parent: stick
     joint: {name: j4, type: revolute, axis: y, origin: {xyz: [1.5, 0, 0], rpy: [0, pi/2, 0]}}
 """
+EFFECTS = """
+effects: [{type: viscous, at: all}, {type: coulomb, at: all}, {type: offset, at: all}]
+"""
 SENSORS = """
 log:
   time: t
@@ -84,7 +87,7 @@ def tilts(q: Floats) -> dict[str, Floats]:
     return dict(zip(("boom", "stick", "bucket"), columns, strict=True))
 
 
-def motion(seconds: float = 20.0) -> tuple[Floats, Floats, Floats, Floats]:
+def motion(seconds: float = 10.0) -> tuple[Floats, Floats, Floats, Floats]:
     """Times, positions, velocities and accelerations of two sines in every joint."""
     t = np.arange(seconds * RATE) / RATE
     rates = np.array([[1.1, 4.3], [1.7, 5.3], [2.3, 6.1], [2.9, 7.1]])
@@ -136,18 +139,23 @@ def test_angles_to_the_vertical_are_sums_of_coordinates(tmp_path: Path) -> None:
     q = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 4))
     for name, shown in tilts(q).items():
         sensor = found[f"tilt_{name}"]
-        weights = [sensor.weights.get(joint, 0.0) for joint in setup.mechanism.positions]
+        weights = [
+            sensor.weights.get(joint, 0.0) for joint in setup.mechanism.positions
+        ]
         assert np.allclose(np.exp(1j * (q @ weights + sensor.zero - shown)), 1)
 
 
 def test_positions_and_velocities_follow_from_sensors(tmp_path: Path) -> None:
-    text = EXCAVATOR + """
+    text = (
+        EXCAVATOR
+        + """
 log:
   rate: 200
   sensors: {rope: {terms: {j2: 2, j3: 1}}, sum: j2 - j3/2 + pi/4, gyro: j2 - j3}
   position: {swing: swing, rope: rope, sum: {column: sum, unit: deg}, j4: j4}
   velocity: {swing: swing, gyro: gyro, j3: j3, j4: j4}
 """
+    )
     setup = described(text, tmp_path)
     q = np.random.default_rng(0).normal(size=(50, 4))
     columns = {
@@ -162,13 +170,16 @@ log:
 
 
 def test_a_locked_joint_is_a_number_in_a_combination(tmp_path: Path) -> None:
-    text = EXCAVATOR + """
+    text = (
+        EXCAVATOR
+        + """
 locked: {j2: 0.3}
 log:
   rate: 200
   sensors: {sum: j2 - j3, tilt: {body: stick}}
   position: {swing: q, sum: q, j4: q}
 """
+    )
     columns = described(text, tmp_path).columns[0]
     assert columns.sensors["sum"].weights == {"j3": -1.0}
     assert columns.sensors["sum"].zero == pytest.approx(0.3)
@@ -188,7 +199,7 @@ def test_a_coupled_joint_counts_by_its_ratio(tmp_path: Path) -> None:
     [
         ("{tilt: {body: stik}}", r"sensors\.tilt\.body.*no such body.*stick"),
         ("{tilt: {body: upper}}", "no joint tilts this body"),
-        ("{tilt: {body: boom, axis: y}}", r"y axis does not lie.*write  axis: [xz]"),
+        ("{tilt: {body: boom, axis: y}}", r"y axis does not lie.*write axis: x"),
         ("{tilt: {terms: {j9: 1}}}", r"tilt\.terms\.j9.*no such coordinate"),
         ("{tilt: {body: boom, terms: {j2: 1}}}", "exactly one of terms, body"),
         ("{tilt: j2*j3}", "not linear"),
@@ -201,7 +212,7 @@ def test_a_coupled_joint_counts_by_its_ratio(tmp_path: Path) -> None:
     ],
 )
 def test_sensors_that_are_none(tmp_path: Path, sensors: str, message: str) -> None:
-    text = f"{EXCAVATOR}\nlog: {{rate: 100, sensors: {sensors}, position: q_{{n}}}}\n"
+    text = f"{EXCAVATOR}\nlog: {{rate: 100, sensors: {sensors}, position: 'q_{{n}}'}}\n"
     with pytest.raises(ec.InputError, match=message):
         described(text, tmp_path)
 
@@ -218,7 +229,9 @@ def test_angles_that_are_no_sums_are_refused(tmp_path: Path) -> None:
     assert "joint 'j3' turns neither" in refusal(rolling, "stick")
     ball = EXCAVATOR.replace("type: revolute, axis: z", "type: spherical")
     assert "log its position" in refusal(ball)
-    assert "without gravity nothing is vertical" in refusal(EXCAVATOR + "gravity: none\n")
+    assert "without gravity nothing is vertical" in refusal(
+        EXCAVATOR + "gravity: none\n"
+    )
     sloping = EXCAVATOR + "gravity: [1, 0, -9.75]\n"
     assert "joint 'swing' turns neither" in refusal(sloping)
 
@@ -229,7 +242,7 @@ def test_angles_that_are_no_sums_are_refused(tmp_path: Path) -> None:
         ("{swing: q, j3: q, tilt: q, other: q, j4: q}", "more than once"),
         ("{swing: q, j2: q, tilt: q}", "columns are missing for j3, j4"),
         ("{swing: q, tilt: q, twice: q, j4: q}", "tilt, twice do not determine j2, j3"),
-        ("{swing: q, tlt: q}", "no such coordinate, output, drive or sensor.*tilt"),
+        ("{swing: q, tlt: q}", "no such coordinate, output or drive.*tilt"),
         ("{swing: q, tilt: {column: q, unit: mm}, j3: q, j4: q}", "mm.*rad"),
     ],
 )
@@ -237,26 +250,33 @@ def test_columns_that_do_not_give_all_positions(
     tmp_path: Path, position: str, message: str
 ) -> None:
     sensors = "{tilt: j2 + j3, other: j2 - j3, twice: 2*j2 + 2*j3}"
-    text = f"{EXCAVATOR}\nlog: {{rate: 100, sensors: {sensors}, position: {position}}}\n"
-    with pytest.raises(ec.InputError, match=message):
+    text = (
+        f"{EXCAVATOR}\nlog: {{rate: 100, sensors: {sensors}, position: {position}}}\n"
+    )
+    table = Table("run", {"q": np.zeros(30)})
+
+    def read() -> None:
         setup = described(text, tmp_path)
-        table = Table("run", {"q": np.zeros(30)})
         recording(table, setup.columns[0], setup.mechanism)
+
+    with pytest.raises(ec.InputError, match=message):
+        read()
 
 
 def test_outputs_have_no_sensors_of_motion(tmp_path: Path) -> None:
-    text = f"{EXCAVATOR}\nlog: {{sensors: {{tilt: j2}}, position: q_{{n}}, output: {{tilt: q}}}}\n"
+    text = f"{EXCAVATOR}\nlog: {{sensors: {{tilt: j2}}, position: 'q_{{n}}', output: {{tilt: q}}}}\n"
     with pytest.raises(ec.InputError, match=r"log\.output\.tilt"):
         described(text, tmp_path)
 
 
 def test_a_log_with_inclinometers_gives_the_planted_parameters(tmp_path: Path) -> None:
-    setup = described(EXCAVATOR + SENSORS, tmp_path)
+    setup = described(EXCAVATOR + EFFECTS + SENSORS, tmp_path)
     result = ec.identify(setup, logged(setup))
     assert min(score.r2 for score in result.validations[-1].scores) > 0.99
     _, values = planted(setup)
     estimate = result.estimate
-    assert np.all(np.abs(estimate.values - values) < 5 * estimate.standard_errors)
+    deviations = np.sqrt(np.diag(estimate.covariance))
+    assert np.all(np.abs(estimate.values - values) < 5 * deviations)
     assert not any("zero" in str(finding) for finding in result.findings)
     ec.save_identification(result, tmp_path / "model.json")
     model = ec.load_identified(tmp_path / "model.json")
@@ -264,10 +284,12 @@ def test_a_log_with_inclinometers_gives_the_planted_parameters(tmp_path: Path) -
 
 
 def test_a_wrong_zero_is_that_of_the_inclinometer(tmp_path: Path) -> None:
-    setup = described(EXCAVATOR + SENSORS, tmp_path)
+    setup = described(EXCAVATOR + EFFECTS + SENSORS, tmp_path)
     result = ec.identify(setup, logged(setup, zero=0.06))
     texts = [str(finding) for finding in result.findings]
-    assert any("position of 'tilt_boom' (column 'boom')" in text for text in texts), texts
+    assert any("position of 'tilt_boom' (column 'boom')" in text for text in texts), (
+        texts
+    )
 
 
 def test_maps_without_set_ups_have_sensors_too(tmp_path: Path) -> None:
@@ -278,6 +300,9 @@ def test_maps_without_set_ups_have_sensors_too(tmp_path: Path) -> None:
         sensors={"tilt": inclinometer(mechanism, "stick", "x")},
     )
     q = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 4))
-    table = Table("run", {"swing": q[:, 0], "j2": q[:, 1], "tilt": tilts(q)["stick"], "j4": q[:, 3]})
+    table = Table(
+        "run",
+        {"swing": q[:, 0], "j2": q[:, 1], "tilt": tilts(q)["stick"], "j4": q[:, 3]},
+    )
     found = recording(table, columns, mechanism).signals["q"]
     assert np.allclose(np.exp(1j * found), np.exp(1j * q), atol=1e-12)

@@ -315,7 +315,9 @@ class Readings:
     def _slides(self) -> list[bool]:
         """Whether columns of positions are lengths."""
         mechanism, sensors = self.base.mechanism, self.columns.sensors
-        return [units(mechanism, "position", key, sensors) == ("m",) for key in self._keys]
+        return [
+            units(mechanism, "position", key, sensors) == ("m",) for key in self._keys
+        ]
 
     @cached_property
     def _channels(self) -> Floats:
@@ -381,9 +383,7 @@ class Readings:
             [self._coordinates[0].index(name) for name in self.names],
             rows.q.copy(),
         )
-        q[:, places] = (
-            (q[:, places] @ P.T + zero) @ matrix.T - zero + shift
-        ) @ back
+        q[:, places] = ((q[:, places] @ P.T + zero) @ matrix.T - zero + shift) @ back
         rows = replace(rows, q=q)
         if change.positions is None or self.velocities:
             return rows

@@ -366,9 +366,7 @@ def _columns_without(
         left(kind) for kind in ("position", "velocity", "acceleration", "reference")
     )
     y = left("output", {*locked, *silent})
-    return ColumnMap(
-        columns.time, columns.rate, q, v, a, y, r, sensors=columns.sensors
-    )
+    return ColumnMap(columns.time, columns.rate, q, v, a, y, r, sensors=columns.sensors)
 
 
 def _without(

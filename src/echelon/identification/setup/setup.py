@@ -305,7 +305,7 @@ class _LogSection:
             self._channels(log.output, "output", outputs),
             self._channels(log.reference, "reference", positions),
             self._channels(log.input, "input", velocities),
-            self.sensors,
+            sensors=self.sensors,
         )
 
     def _sensor(self, name: str, entry: Combination) -> MotionSensor:
@@ -376,7 +376,7 @@ class _LogSection:
                 valid = [*names, *self.drives, *(self.sensors if key in ORDERS else ())]
                 if name not in valid:
                     others = [*valid, EVERY, DRIVES]
-                    problem = f"there is no such coordinate, output, drive or sensor{nearest_of(name, others)}"
+                    problem = f"there is no such coordinate, output or drive{nearest_of(name, others)}"
                     raise self.document.error(path, problem)
                 found[name] = self._channel(entry, path, {"name": name})
         return found

@@ -10,7 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from echelon.identification.logs.columns.motion_sensors import MotionSensor, Sensors
+from echelon.identification.logs.columns.motion_sensors import (
+    NO_SENSORS,
+    MotionSensor,
+    Sensors,
+)
 from echelon.identification.logs.recording import Recording
 from echelon.robot import Actuator, Mechanism, Motion, MotionKind
 
@@ -54,7 +58,7 @@ class ColumnMap:
     # measured inputs that effects use, such as currents, by coordinate or actuator
     inputs: Mapping[str, Channel] = field(default_factory=dict)
     # those whose names positions, velocities, accelerations and references use
-    sensors: Mapping[str, MotionSensor] = field(default_factory=dict)
+    sensors: Mapping[str, MotionSensor] = field(default_factory=dict, kw_only=True)
 
     @property
     def channels(self) -> dict[str, Mapping[str, Channel]]:
@@ -110,11 +114,13 @@ def independent_coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
 
 
 def units(
-    mechanism: Mechanism, kind: str, name: str, sensors: Sensors
+    mechanism: Mechanism, kind: str, name: str, sensors: Sensors = NO_SENSORS
 ) -> tuple[str, ...] | None:
     """SI units that a channel may have: two for an actuator, which turns or slides; None for an input."""
     if name in sensors:
-        every = [units(mechanism, kind, part, {}) or () for part in sensors[name].weights]
+        every = [
+            units(mechanism, kind, part, {}) or () for part in sensors[name].weights
+        ]
         return tuple(dict.fromkeys(unit for some in every for unit in some))
     if kind == "input":
         return None

@@ -28,7 +28,11 @@ from echelon.identification.logs.columns.column_map import (
     units,
 )
 from echelon.identification.logs.columns.column_names import kinds_said
-from echelon.identification.logs.columns.motion_sensors import MotionSensor, Sensors
+from echelon.identification.logs.columns.motion_sensors import (
+    NO_SENSORS,
+    MotionSensor,
+    Sensors,
+)
 from echelon.identification.logs.files.log_file import Table
 from echelon.identification.logs.finding import listed
 from echelon.identification.logs.recording import Recording
@@ -328,11 +332,10 @@ def _read(
 
 
 Given = Mapping[str, Floats]
-_NO_SENSORS: Sensors = {}
 
 
 def joint_coordinates(
-    mechanism: Mechanism, kind: str, given: Given, sensors: Sensors = _NO_SENSORS
+    mechanism: Mechanism, kind: str, given: Given, sensors: Sensors = NO_SENSORS
 ) -> Floats:
     """Positions, velocities or accelerations (N, coordinates) from columns by coordinate, actuator or sensor, SI units.
 
@@ -341,7 +344,9 @@ def joint_coordinates(
     names = coordinates(mechanism, kind)
     check_names(mechanism, kind, given, sensors)
     found = {name: values for name, values in given.items() if name in names}
-    rows = _rows(mechanism, kind, [name for name in given if name not in names], sensors)
+    rows = _rows(
+        mechanism, kind, [name for name in given if name not in names], sensors
+    )
     told = {*found, *(name for row in rows.values() for name in row.weights)}
     independent = independent_coordinates(mechanism, kind)
     if told <= set(independent):
@@ -360,7 +365,7 @@ def check_names(
     mechanism: Mechanism,
     kind: str,
     given: Iterable[str],
-    sensors: Sensors = _NO_SENSORS,
+    sensors: Sensors = NO_SENSORS,
 ) -> None:
     """Refuse keys that are no coordinates, outputs, actuators or sensors; suggests what was probably meant."""
     motors = [actuator.name for actuator in actuators(mechanism)]
@@ -434,13 +439,19 @@ def _solved(
         raise InputError(problem, element=kind)
     if not rows:
         return {}
-    weights = [[row.weights.get(name, 0.0) for name in unknown] for row in rows.values()]
+    weights = [
+        [row.weights.get(name, 0.0) for name in unknown] for row in rows.values()
+    ]
     if np.linalg.matrix_rank(weights) < len(unknown):
         problem = f"{listed(rows)} do not determine {listed(unknown)}"
         raise InputError(problem, element=kind)
     right = []
     for name, row in rows.items():
-        known = [given[joint] * weight for joint, weight in row.weights.items() if joint not in unknown]
+        known = [
+            given[joint] * weight
+            for joint, weight in row.weights.items()
+            if joint not in unknown
+        ]
         right.append(given[name] - row.zero - sum(known))
     solution = np.linalg.solve(weights, np.stack(right)) + 0.0  # no negative zeros
     return dict(zip(unknown, solution, strict=True))

@@ -39,6 +39,8 @@ class MotionSensor:
 Sensors = Mapping[str, MotionSensor]
 """Sensors of motion by name."""
 
+NO_SENSORS: Sensors = {}
+
 
 def inclinometer(mechanism: Mechanism, name: str, axis: str) -> MotionSensor:
     """The sensor of the angle from the vertical, upwards, to an axis (x, y or z) of a body's frame, rad.
@@ -87,7 +89,11 @@ class _Turns:
         if not is_ball and not self.axes and _parallel(axis, self.up):
             return  # a swing
         level = abs(axis @ self.up) < LARGEST_AXIS_ERROR
-        if is_ball or not level or not all(_parallel(axis, a) for a in self.axes.values()):
+        if (
+            is_ball
+            or not level
+            or not all(_parallel(axis, a) for a in self.axes.values())
+        ):
             problem = f"joint '{step.name}' turns neither about the vertical, below all joints that tilt the body, nor "
             problem += "about the level axis of these, so that the angle is no sum of coordinates: log its position"
             raise InputError(problem)
@@ -106,7 +112,9 @@ def _up(mechanism: Mechanism) -> Floats:
             raise InputError("the direction of gravity has no value: state its symbols")
     down = np.array([float(part.at(known)) for part in mechanism.gravity or ()])
     if not down.any():
-        raise InputError("without gravity nothing is vertical: state it, as in  gravity: [0, 0, -9.81]")
+        raise InputError(
+            "without gravity nothing is vertical: state it, as in  gravity: [0, 0, -9.81]"
+        )
     return np.asarray(-down / np.linalg.norm(down))
 
 
