@@ -133,6 +133,7 @@ class Language:
     # many
     zeroed: bool = False
     splits: bool = False  # whether long functions are cut into parts
+    longest_name: int | None = None  # letters of an identifier that count
 
     def literal(self, value: Number, precision: Precision) -> str:
         """A constant that is not negative."""
@@ -257,6 +258,7 @@ MATLAB = Language(
     assign="{name} = {value};",
     first=1,
     zeroed=True,
+    longest_name=63,  # namelengthmax
 )
 
 # Julia: a module of functions that write into a given array
