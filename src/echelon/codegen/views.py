@@ -210,7 +210,9 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
             )
             for i in empty
         )
-        first = parts[0] if parts else PartView((), (), (), (), writes=True, shares=False)
+        first = (
+            parts[0] if parts else PartView((), (), (), (), writes=True, shares=False)
+        )
         parts[:1] = [replace(first, lines=zeros + first.lines, writes=True)]
     angles = tuple(
         printer.expressions({}).reference(angle.node) for angle in planned.angles

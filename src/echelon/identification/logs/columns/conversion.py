@@ -146,7 +146,10 @@ class Alignment:
             return np.asarray((self.table.first + np.arange(count)) / self.columns.rate)
         values = raw_column(self.table, clock)
         channel = self.columns.time
-        if channel is None or channel.column != clock:
+        if channel is None or channel.column not in (
+            clock,
+            self.table.clocks.get(clock),
+        ):
             return values
         try:
             return np.asarray(
