@@ -159,11 +159,11 @@ class Language:
         )
 
 
-FUNCTIONS = {op: f"{op.name.lower()}{{f}}({{x}})" for op in OPERATIONS}
-FUNCTIONS |= {Op.ABS: "fabs{f}({x})", Op.SIGN: "sign_of({x})"}
+C_FUNCTIONS = {op: f"{op.name.lower()}{{f}}({{x}})" for op in OPERATIONS}
+C_FUNCTIONS |= {Op.ABS: "fabs{f}({x})", Op.SIGN: "sign_of({x})"}
 """Functions of C's library, and a sign of our own."""
 
-OVERLOADED = {op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()}
+OVERLOADED = {op: pattern.format(f="", x="{x}") for op, pattern in C_FUNCTIONS.items()}
 """The same for languages in which one name serves all types."""
 
 _WITH_SIGN = OVERLOADED | {Op.ABS: "abs({x})", Op.SIGN: "sign({x})"}
@@ -173,7 +173,7 @@ C = Language(
     name="c",
     files={"{robot}.h": "c.h.j2", "{robot}.c": "c.c.j2"},
     comment=" * ",
-    functions=FUNCTIONS,
+    functions=C_FUNCTIONS,
     number="{x}{f}",
     real={Precision.DOUBLE: "double", Precision.SINGLE: "float"},
     define="const {real} {name} = {value};",
