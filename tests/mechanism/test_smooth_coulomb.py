@@ -39,10 +39,10 @@ def test_it_is_a_column_of_the_drive(tmp_path: Path) -> None:
     robot = described(tmp_path)
     q, qd, qdd = np.random.default_rng(0).normal(size=(3, 20, 1))
     x = evaluate_floats(inverse_dynamics_regressor(robot), robot, q, qd, qdd)
-    column = x[:, 0, robot.parameters.index("Fcm")]
+    column = x[:, 0, robot.parameters.index("Fc_m")]
     np.testing.assert_allclose(column, np.tanh(-4 * qd[:, 0] / 0.5), rtol=1e-12)
     base = ec.base_parameters(robot)
-    assert "Fcm" in base.pivots
+    assert "Fc_m" in base.pivots
     assert base.certificate.rank == base.rank
 
 
@@ -51,13 +51,13 @@ def test_robot_files_state_it_at_the_joint_and_say_what_they_lose(
 ) -> None:
     robot = described(tmp_path)
     body = [1.0, 0, 0, 1.0, 0, 1.0, 0, 0, 0, 1.0]
-    effects = {"Fvm": 2.0, "Fcm": 0.75}
+    effects = {"Fv_m": 2.0, "Fc_m": 0.75}
     values = [*body, *(effects[name] for name in robot.parameters[10:])]
     file = open_robot(tmp_path / "arm.urdf")
     (written,) = identified_robot(robot, values, file)
     # τ = N (Fv N q̇ + Fc tanh(N q̇/w)), whose sign is that of q̇
     assert '<dynamics damping="32.0" friction="3.0"/>' in written.text
-    lost = "URDF states Coulomb friction without a width, which is left out: Fcm"
+    lost = "URDF states Coulomb friction without a width, which is left out: Fc_m"
     assert lost in written.notes
 
 
