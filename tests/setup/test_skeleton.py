@@ -206,6 +206,18 @@ def test_rows_without_a_label_and_rows_that_are_cut_off_count_for_nothing(
     )
 
 
+def test_columns_of_inclinometers_are_asked_about(
+    motion: Motion, tmp_path: Path
+) -> None:
+    log = pd.DataFrame({"t": motion["t"]})
+    for k, name in enumerate(("shoulder", "elbow")):
+        log[f"{name}_incl"] = motion["q"][:, k]
+        log[f"{name}_torque"] = motion["tau"][:, k]
+    text = " ".join(written(tmp_path, log).replace("#", "").split())
+    assert "whether 'elbow_incl' is the angle of the joint 'elbow_joint'" in text
+    assert "position: {tilt: elbow_incl}" in text
+
+
 def channel_after_channel(
     motion: Motion, every: int, later: float, scale: float = 1.0
 ) -> pd.DataFrame:

@@ -286,7 +286,7 @@ class Readings:
 
     @cached_property
     def _keys(self) -> tuple[str, ...]:
-        """Names of what the columns of positions measure: coordinates, drives or sensors."""
+        """Names of what the columns of positions measure; :meth:`_combinations` must know each kind of them."""
         return self._keys_of(self.columns.positions)
 
     def _keys_of(self, stated: Mapping[str, Channel]) -> tuple[str, ...]:
