@@ -115,6 +115,15 @@ def test_a_load_pin_measures_a_component_of_the_wrench(changed: Path) -> None:
     assert (
         json.loads(saved.read_text())["rank"] == ec.base_structure(ec.load(forces)).rank
     )
+    wrong = described(changed, "wrong", "outputs: [{pin: too, x: 3/5, z: 4/5}]\n")
+    script = f"""
+import echelon as ec
+try:
+    ec.load({wrong!r})
+except ec.InputError as error:
+    print(error)
+"""
+    assert "outputs[0].pin: there is no" in run(changed, sys.executable, "-c", script)
 
 
 def test_json_lines_are_read(changed: Path) -> None:

@@ -29,7 +29,8 @@ from echelon.cli.generate import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
 from echelon.cli.generate import TARGETS as LISTED_TARGETS
 from echelon.codegen import TARGETS
 from echelon.codegen.language import Precision
-from echelon.codegen.source import Subject, generate, printed
+from echelon.codegen.source import Subject, generate, operations_text, printed
+from echelon.codegen.views import view
 from echelon.dynamics.functions import FUNCTIONS, LOOP_FUNCTIONS
 from support import generated_code as generated
 from support import textbook_arms as arms
@@ -376,7 +377,44 @@ def test_command_refuses_a_file_for_several(tmp_path: Path) -> None:
     assert "is not a directory" in done.stderr
 
 
+def test_operations_are_counted_in_words() -> None:
+    source = generate(ec.load("examples/double_pendulum.yaml"), "c", ["regressor"])
+    text = operations_text(source.functions[0])
+    assert text.split(", ")[-2:] == ["2 sin", "2 cos"]
+    one = generate(
+        ec.load("examples/double_pendulum.yaml"), "c", ["mass_matrix"]
+    ).functions[0]
+    assert "1 cos" in operations_text(one)
+
+
+def test_names_are_as_long_as_a_language_allows() -> None:
+    robot = replace(ec.load("examples/double_pendulum.yaml"), name="long " * 20)
+    functions = ["inverse_dynamics_derivatives"]
+    longest = max(len(Path(name).stem) for name in generate(robot, "matlab", functions))
+    assert 50 < longest <= 63
+    chosen = "a" * 60
+    assert generate(robot, "c", functions, name=chosen)
+    problem = "names in matlab have 63 letters, so that with the longest .* 34 are left"
+    with pytest.raises(ec.InputError, match=problem):
+        generate(robot, "matlab", functions, name=chosen)
+
+
+def test_parts_know_the_names_that_they_define() -> None:
+    base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+    shown = view(base.function("inverse_dynamics"), TARGETS["python"], Precision.DOUBLE)
+    for part in shown.parts:
+        defined = [line.split(" = ")[0] for line in part.lines if line[:3] != "out"]
+        assert list(part.names) == defined
+        assert defined
+
+
 def test_help_lists_what_there_is() -> None:
     assert LISTED_TARGETS.split(", ") == list(TARGETS)
+    for page in ("cli", "code-generation"):
+        text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+        assert not [name for name in TARGETS if f"`{name}`" not in text], page
+    assert not [
+        name for name in TARGETS if f'``"{name}"``' not in str(generate.__doc__)
+    ]
     assert set(LISTED_FUNCTIONS.split(", ")) == set(FUNCTIONS)
     assert set(LISTED_LOOP_FUNCTIONS.split(", ")) == set(LOOP_FUNCTIONS)

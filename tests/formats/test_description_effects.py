@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
+from echelon.formats.description.explanations import explained
 
 ARM = """echelon: 1
 modified_dh: [{joint: revolute}, {joint: revolute, a: 0.5}]
@@ -87,6 +88,29 @@ def test_a_robot_file_is_its_name(tmp_path: Path) -> None:
 def test_errors_about_keys_show_the_line_to_write(text: str, problem: str) -> None:
     with pytest.raises(ec.InputError, match=problem):
         ec.load_setup(f"{ARM}{text}\n")
+
+
+def test_errors_about_a_whole_sensor_are_not_about_its_key() -> None:
+    """The branch of the union of sensors has the name of a key."""
+    entry = {"joint": "j1"}
+    problem = {"type": "refused", "loc": ("outputs", 0, "joint"), "input": entry}
+    path, text = explained({"outputs": [entry]}, [{**problem, "msg": "is bent"}])  # type: ignore[list-item,typeddict-item]
+    assert path == "outputs[0]"
+    assert text.startswith("is bent; write  outputs: ")
+
+
+def test_two_effects_of_one_name_are_both_named() -> None:
+    effects = "effects: [viscous, {parameter: Fv1, acts: [{at: j1, term: qd**3}]}]"
+    with pytest.raises(ec.InputError, match=r"'Fv1'.*another parameter \(qd at m1\)"):
+        ec.load_setup(f"{ARM}{effects}\n")
+
+
+def test_a_body_without_a_joint_learns_what_to_write() -> None:
+    bodies = "bodies: [{name: a, joint: {name: j, type: revolute, axis: z}}, {name: b, parent: a}]"
+    with pytest.raises(
+        ec.InputError, match=r"needs a joint.*joint: {type: fixed, orig"
+    ):
+        ec.load(f"echelon: 1\nname: arm\n{bodies}\n")
 
 
 def test_patterns_of_columns_do_arithmetic() -> None:

@@ -320,20 +320,20 @@ def test_friction_of_many_joints_needs_no_combinations() -> None:
 
 @pytest.mark.slow
 def test_dead_zones_of_speed_in_a_loop() -> None:
+    """Closed states are drawn at all speeds; that they reach all regions of signs is a claim that nothing checks."""
     path = ROOT / "examples" / "loops" / "four_bar.yaml"
     data = yaml.safe_load(path.read_text())
-    terms = {"A": "max(0, qd - 0.001)", "B": "max(0, qd)", "V": "qd"}
-    data["effects"] = [acting(name, crank=term) for name, term in terms.items()]
-    base = ec.base_parameters(
-        read_description(json.dumps(data), "four bar", ReadingOptions())
-    )
+    doubt = "regions of signs that random closed states do not reach"
+
+    def derived(**terms: str) -> ec.BaseModel:
+        data["effects"] = [acting(name, crank=term) for name, term in terms.items()]
+        text = json.dumps(data)
+        return ec.base_parameters(read_description(text, "four bar", ReadingOptions()))
+
+    base = derived(A="max(0, qd - 0.001)", B="max(0, qd)", V="qd")
     assert base.rank == 8 + 3
-    assert base.certificate.regions == 3
-    data["effects"] = [acting("A", crank="max(0, q - 2000)")]
-    stop = ec.base_parameters(
-        read_description(json.dumps(data), "four bar", ReadingOptions())
-    )
+    assert base.certificate.unchecked == (doubt,)
+    assert derived(A="max(0, qd - 20000)").rank == 8 + 1
+    stop = derived(A="max(0, q - 2000)")
     assert stop.rank == 8
-    assert "sign(2000 - q[crank]): only positive values were found" in str(
-        stop.certificate
-    )
+    assert stop.certificate.unchecked == (doubt,)

@@ -207,6 +207,59 @@ def test_rows_without_a_label_and_rows_that_are_cut_off_count_for_nothing(
     )
 
 
+def test_columns_of_inclinometers_are_asked_about(
+    motion: Motion, tmp_path: Path
+) -> None:
+    log = pd.DataFrame({"t": motion["t"]})
+    for k, name in enumerate(("shoulder", "elbow")):
+        log[f"{name}_incl"] = motion["q"][:, k]
+        log[f"{name}_torque"] = motion["tau"][:, k]
+    text = " ".join(written(tmp_path, log).replace("#", "").split())
+    assert "whether 'elbow_incl' is the angle of the joint 'elbow_joint'" in text
+    assert "position: {tilt: elbow_incl}" in text
+
+
+def channel_after_channel(
+    motion: Motion, every: int, later: float, scale: float = 1.0
+) -> pd.DataFrame:
+    """A log with a row for every channel and time; torques come more seldom, and later, s."""
+    columns = {"q1": ("q", 0), "q2": ("q", 1), "tau1": ("tau", 0), "tau2": ("tau", 1)}
+    parts = []
+    for name, (key, k) in columns.items():
+        is_torque = key == "tau"
+        step, delay = (every, later) if is_torque else (1, 0.0)
+        values = np.interp(motion["t"] + delay, motion["t"], motion[key][:, k])[::step]
+        times = scale * (motion["t"] + delay)[::step]
+        parts.append(pd.DataFrame({"time": times, "name": name, "value": values}))
+    return pd.concat(parts).sort_values("time", kind="stable")
+
+
+@pytest.mark.parametrize(
+    ("every", "later", "scale"), [(1, 0.0003, 1), (4, 0, 1), (4, 0.0003, 1e3)]
+)
+@pytest.mark.parametrize("header", [True, False])
+def test_channels_of_long_tables_have_clocks_of_their_own(
+    every: int, later: float, scale: float, header: bool, motion: Motion, tmp_path: Path
+) -> None:
+    log = channel_after_channel(motion, every, later, scale)
+    text = written(tmp_path, log, header=header)
+    assert "  position: 'q{n}'\n  output: 'tau{n}'" in text
+    assert "s at 300 Hz in 1 stretch" in text
+    (tmp_path / "setup.yaml").write_text(text)
+    result = ec.identify(tmp_path / "setup.yaml", tmp_path / "log.csv")
+    assert min(score.r2 for score in result.validations[-1].scores) > 0.99
+
+
+def test_tables_without_a_header_begin_with_their_first_row(
+    motion: Motion, tmp_path: Path
+) -> None:
+    log = channel_after_channel(motion, 1, 0.0)
+    log.to_csv(tmp_path / "log.csv", index=False, header=False)
+    found = read_table_of(tmp_path / "log.csv")
+    assert set(found) == {"0", "q1", "q2", "tau1", "tau2"}
+    np.testing.assert_allclose(found["q1"], motion["q"][:, 0])
+
+
 @pytest.mark.parametrize(
     ("name", "labels"),
     [

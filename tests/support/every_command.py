@@ -11,6 +11,7 @@ import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
+from echelon.codegen import TARGETS
 from support.paths import ROOT
 
 ARM = """
@@ -46,7 +47,7 @@ URDF = """<robot name="gripper"><link name="base"/>
 LOOP = (ROOT / "examples" / "loops" / "four_bar.yaml").read_text(encoding="utf-8")
 LINEAR = (ROOT / "examples" / "linear" / "arrhenius.yaml").read_text(encoding="utf-8")
 CLAIMED = "ZZ1 + l1^2*M2\nMX1 + l1*M2\nMY1\nZZ2\nMX2\n"
-LANGUAGES = ("c", "cpp", "cuda", "python", "jax", "casadi", "matlab", "julia", "rust")
+LANGUAGES = tuple(TARGETS)
 SCHEMAS = (
     "description",
     "base-model",

@@ -59,10 +59,12 @@ def _as_text(
     verdict = f"valid, {count}, {certificate.holds}"
     if not whole:
         verdict = f"NOT valid as a whole, {count}: not checked: {unchecked}; checked {certificate.holds}:"
+    not_checked = sentence.startswith("NOT checked")
+    alone = "; this takes nothing from what stands above" if not_checked else ""
     return "\n".join(
         [
             f"{file}: {one_line(verdict)}",
             one_line(str(certificate)),
-            f"independent verifier: {one_line(sentence)}",
+            f"independent verifier: {one_line(sentence)}{alone}",
         ]
     )

@@ -134,6 +134,7 @@ class Language:
     # many
     zeroed: bool = False
     splits: bool = False  # whether long functions are cut into parts
+    longest_name: int | None = None  # letters of an identifier that count
 
     def literal(self, value: Number, precision: Precision) -> str:
         """A constant that is not negative."""
@@ -159,11 +160,11 @@ class Language:
         )
 
 
-FUNCTIONS = {op: f"{op.name.lower()}{{f}}({{x}})" for op in OPERATIONS}
-FUNCTIONS |= {Op.ABS: "fabs{f}({x})", Op.SIGN: "sign_of({x})"}
+C_FUNCTIONS = {op: f"{op.name.lower()}{{f}}({{x}})" for op in OPERATIONS}
+C_FUNCTIONS |= {Op.ABS: "fabs{f}({x})", Op.SIGN: "sign_of({x})"}
 """Functions of C's library, and a sign of our own."""
 
-OVERLOADED = {op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()}
+OVERLOADED = {op: pattern.format(f="", x="{x}") for op, pattern in C_FUNCTIONS.items()}
 """The same for languages in which one name serves all types."""
 
 _WITH_SIGN = OVERLOADED | {Op.ABS: "abs({x})", Op.SIGN: "sign({x})"}
@@ -173,7 +174,7 @@ C = Language(
     name="c",
     files={"{robot}.h": "c.h.j2", "{robot}.c": "c.c.j2"},
     comment=" * ",
-    functions=FUNCTIONS,
+    functions=C_FUNCTIONS,
     number="{x}{f}",
     real={Precision.DOUBLE: "double", Precision.SINGLE: "float"},
     define="const {real} {name} = {value};",
@@ -258,6 +259,7 @@ MATLAB = Language(
     assign="{name} = {value};",
     first=1,
     zeroed=True,
+    longest_name=63,  # namelengthmax
 )
 
 # Julia: a module of functions that write into a given array

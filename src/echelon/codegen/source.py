@@ -119,12 +119,15 @@ def _functions(functions: Sequence[FunctionView]) -> list[str]:
     return [*lines, ""]
 
 
+_ONE = {"additions": "addition", "multiplications": "multiplication"}
+
+
 def operations_text(function: Function) -> str:
     """The number of operations of a function, in words."""
     counts = operation_counts(function)
     return (
         ", ".join(
-            f"{n} {word[:-1] if n == 1 and word.endswith('s') else word}"
+            f"{n} {_ONE.get(word, word) if n == 1 else word}"
             for word, n in counts.items()
         )
         or "none"
@@ -315,9 +318,7 @@ def generate(
             f"no function is asked for (valid: {', '.join(ALL_FUNCTIONS)})"
         )
     mode = Precision(_valid("precision", precision, list(Precision)))
-    robot = (
-        identifier(base.mechanism.name) if name is None else checked_identifier(name)
-    )
+    robot = _named(base, name, language, chosen)
     kept = kept_symbols(base.mechanism, keep_symbols, symbols)
     if kept and parameters is not None:
         raise InputError(
@@ -338,6 +339,23 @@ def generate(
         remarks,
     )
     return Source(printed(made, language, mode, robot, subject), tuple(made))
+
+
+def _named(
+    base: BaseModel, name: str | None, language: Language, functions: Sequence[str]
+) -> str:
+    """The identifier that stands before the functions' names; of a name that is too long only the robot's is cut."""
+    robot = (
+        identifier(base.mechanism.name) if name is None else checked_identifier(name)
+    )
+    if language.longest_name is None:
+        return robot
+    longest = language.longest_name - max(len(f"_{function}") for function in functions)
+    if name is not None and len(robot) > longest:
+        problem = f"'{name}' is too long: names in {language.name} have {language.longest_name} letters, so that with the "
+        problem += f"longest of the functions' names {longest} are left"
+        raise InputError(problem)
+    return robot[:longest].rstrip("_")
 
 
 def _default_functions(base: BaseModel) -> tuple[list[str], list[str]]:

@@ -138,6 +138,7 @@ class PartView:
 
     arguments: tuple[Argument, ...]  # those that the statements use
     trig: tuple[Trig, ...]
+    names: tuple[str, ...]  # that the lines define, for languages that declare first
     lines: tuple[str, ...]
     writes: bool  # whether entries of the result are among them
     shares: bool  # whether values are passed to or from other parts
@@ -210,7 +211,9 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
             )
             for i in empty
         )
-        first = parts[0] if parts else PartView((), (), (), writes=True, shares=False)
+        first = (
+            parts[0] if parts else PartView((), (), (), (), writes=True, shares=False)
+        )
         parts[:1] = [replace(first, lines=zeros + first.lines, writes=True)]
     angles = tuple(
         printer.expressions({}).reference(angle.node) for angle in planned.angles
@@ -264,6 +267,7 @@ class _Printer:
         return PartView(
             tuple(a for a in planned.function.arguments if a.name in owners),
             self._trig(used),
+            tuple(planned.names[s.node] for s in statements if s.entry is None),
             tuple(lines),
             writes=any(s.entry is not None for s in statements),
             shares=any(n in slots for n in used)

@@ -35,6 +35,7 @@ from echelon.formats.schema.schema_log import BodyBoundsEntry as BodyBoundsEntry
 from echelon.formats.schema.schema_log import Column as Column
 from echelon.formats.schema.schema_log import ColumnEntry as ColumnEntry
 from echelon.formats.schema.schema_log import Columns as Columns
+from echelon.formats.schema.schema_log import Combination as Combination
 from echelon.formats.schema.schema_log import IdentificationEntry as IdentificationEntry
 from echelon.formats.schema.schema_log import LogEntry as LogEntry
 from echelon.formats.schema.schema_log import PreparationEntry as PreparationEntry

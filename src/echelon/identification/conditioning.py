@@ -199,7 +199,7 @@ State = dict[str, Floats]
 TYPICAL_SPEED, TYPICAL_ACCELERATION = 1.5, 6.0
 """Speeds and accelerations of arms, rad/s and rad/s² (per characteristic length for sliding joints)."""
 
-_KINDS = ("qdd", "qd", "q")
+_SIGNALS = ("qdd", "qd", "q")
 
 
 def advice(
@@ -243,7 +243,7 @@ def _motion(base: BaseModel, change: Floats) -> str:
         )
     chosen = {
         kind: [name for name, value in found[kind].items() if value >= NAMED * largest]
-        for kind in _KINDS
+        for kind in _SIGNALS
         if found.get(kind)
     }
     phrases = {

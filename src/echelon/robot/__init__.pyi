@@ -18,9 +18,11 @@ from echelon.robot.coupling import linear as linear
 from echelon.robot.coupling import natural_spline as natural_spline
 from echelon.robot.effect import CONSTANTS as CONSTANTS
 from echelon.robot.effect import KINDS as KINDS
+from echelon.robot.effect import POSITIVE_CONSTANTS as POSITIVE_CONSTANTS
 from echelon.robot.effect import Action as Action
 from echelon.robot.effect import Bristles as Bristles
 from echelon.robot.effect import Effect as Effect
+from echelon.robot.effect import JointNumber as JointNumber
 from echelon.robot.effect import Side as Side
 from echelon.robot.effect import ready_made as ready_made
 from echelon.robot.experiment import Experiment as Experiment

@@ -32,20 +32,20 @@ class ClosureKind(Enum):
     @property
     def positions(self) -> tuple[int, ...]:
         """Components of p that vanish."""
-        return _KINDS[self][0]
+        return _ROW_OF_KIND[self][0]
 
     @property
     def directions(self) -> tuple[tuple[int, int, int], ...]:
         """Entries (row, column, value) of R that are fixed; they may depend on one another."""
-        return _KINDS[self][1]
+        return _ROW_OF_KIND[self][1]
 
     @property
     def freedoms(self) -> int:
         """Degrees of freedom that the closing joint leaves."""
-        return _KINDS[self][2]
+        return _ROW_OF_KIND[self][2]
 
 
-_KINDS: dict[
+_ROW_OF_KIND: dict[
     ClosureKind, tuple[tuple[int, ...], tuple[tuple[int, int, int], ...], int]
 ] = {
     ClosureKind.WELD: ((0, 1, 2), _ALIGNED, 0),

@@ -52,7 +52,14 @@ class Action:
     @property
     def is_positive(self) -> bool:
         """Whether its parameter cannot be negative."""
-        return _row_of(self.read)[1]
+        row = _row_of(self.read)[1]
+        return row is not None and row.positive
+
+    @property
+    def number(self) -> JointNumber | None:
+        """The number of a joint as which robot files may state its parameter."""
+        row = _row_of(self.read)[1]
+        return None if row is None else row.number
 
 
 @dataclass(frozen=True)
@@ -93,6 +100,29 @@ class Effect:
         return replace(self, actions=actions)
 
 
+class JointNumber(StrEnum):
+    """Numbers of joints that robot files state, with their names in notes."""
+
+    DAMPING = "viscous friction"
+    DRY = "Coulomb friction"
+    ARMATURE = "rotor inertia"
+    STIFFNESS = "stiffness of springs"
+    FORCE = "constant forces"
+
+    def at_joint(self, ratio: float) -> float:
+        """Its size at the joint by that in a drive that turns by ratio · q.
+
+        A force acts ratio times as strongly at the joint; dry friction has the sign of the joint's velocity there; what
+        is proportional to a coordinate, velocity or acceleration gets the ratio twice.
+        """
+        match self:
+            case JointNumber.FORCE:
+                return ratio
+            case JointNumber.DRY:
+                return abs(ratio)
+        return ratio * ratio
+
+
 @dataclass(frozen=True)
 class EffectTerm:
     """One parameter of a ready-made effect: its symbol, its unit for a turning coordinate and the function."""
@@ -102,11 +132,28 @@ class EffectTerm:
     force_unit: str
     term: str
     positive: bool = False  # whether the parameter cannot be negative: it takes energy away, or stores it
+    number: JointNumber | None = None  # what robot files call it, if they can state it
 
 
 KINDS: dict[str, tuple[EffectTerm, ...]] = {
-    "viscous": (EffectTerm("Fv", "N·m·s/rad", "N·s/m", "qd", positive=True),),
-    "coulomb": (EffectTerm("Fc", "N·m", "N", "sign(qd)", positive=True),),
+    "viscous": (
+        EffectTerm(
+            "Fv", "N·m·s/rad", "N·s/m", "qd", positive=True, number=JointNumber.DAMPING
+        ),
+    ),
+    "coulomb": (
+        EffectTerm("Fc", "N·m", "N", "sign(qd)", positive=True, number=JointNumber.DRY),
+    ),
+    "smooth_coulomb": (
+        EffectTerm(
+            "Fc",
+            "N·m",
+            "N",
+            "tanh(qd/({width}))",
+            positive=True,
+            number=JointNumber.DRY,
+        ),
+    ),
     "asymmetric_viscous": (
         EffectTerm("Fvp", "N·m·s/rad", "N·s/m", "(1 + sign(qd))/2*qd", positive=True),
         EffectTerm("Fvn", "N·m·s/rad", "N·s/m", "(1 - sign(qd))/2*qd", positive=True),
@@ -115,7 +162,7 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
         EffectTerm("Fcp", "N·m", "N", "(1 + sign(qd))/2", positive=True),
         EffectTerm("Fcn", "N·m", "N", "(sign(qd) - 1)/2", positive=True),
     ),
-    "offset": (EffectTerm("Fo", "N·m", "N", "1"),),
+    "offset": (EffectTerm("Fo", "N·m", "N", "1", number=JointNumber.FORCE),),
     "stribeck": (
         EffectTerm(
             "Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"
@@ -136,9 +183,15 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
         EffectTerm("FvT", "N·m·s/(rad·K)", "N·s/(m·K)", "i*qd"),
         EffectTerm("FcT", "N·m/K", "N/K", "i*sign(qd)"),
     ),
-    "rotor_inertia": (EffectTerm("Ia", "kg·m²", "kg", "qdd", positive=True),),
+    "rotor_inertia": (
+        EffectTerm(
+            "Ia", "kg·m²", "kg", "qdd", positive=True, number=JointNumber.ARMATURE
+        ),
+    ),
     "spring": (
-        EffectTerm("Ks", "N·m/rad", "N/m", "q", positive=True),
+        EffectTerm(
+            "Ks", "N·m/rad", "N/m", "q", positive=True, number=JointNumber.STIFFNESS
+        ),
         EffectTerm("Ps", "N·m", "N", "1"),
     ),
     "elastic": (
@@ -171,6 +224,7 @@ The input of a servo is the position that it is commanded to, and Kp its gain.
 """
 
 CONSTANTS: dict[str, dict[str, str | None]] = {
+    "smooth_coulomb": {"width": None},
     "stribeck": {"velocity": None, "exponent": "2"},
     "lugre": {"stiffness": None, "velocity": None, "ratio": "1"},
     "counterbalance": {"phase": None},
@@ -178,6 +232,9 @@ CONSTANTS: dict[str, dict[str, str | None]] = {
     "ripple": {"harmonic": None},
 }
 """Constants that a ready-made effect needs, with defaults."""
+
+POSITIVE_CONSTANTS = ("width", "velocity", "exponent")
+"""Constants that are positive: speeds that a law divides by, and powers of them."""
 
 
 def ready_made(
@@ -215,9 +272,9 @@ def _templates() -> list[tuple[str, EffectTerm, ast.expr]]:
     return found
 
 
-def _row_of(term: TermTree) -> tuple[str, bool]:
-    """Kind of the first row of the table whose shape a term has, and whether its parameter is positive."""
+def _row_of(term: TermTree) -> tuple[str, EffectTerm | None]:
+    """The first row of the table whose shape a term has, and its kind."""
     for kind, entry, template in _templates():
         if has_shape(template, term.tree, CONSTANTS.get(kind, {})):
-            return kind, entry.positive
-    return "", False
+            return kind, entry
+    return "", None

@@ -669,14 +669,19 @@ def _check_effects(mechanism: Mechanism) -> None:
         )
     drives = [actuator.name for actuator in mechanism.transmission.actuators]
     joints = [name for motion in mechanism.motions for name in motion.velocities]
+    named: dict[str, Effect] = {}
     for effect in mechanism.effects:
         where = f"effect '{effect.parameter}'"
-        if effect.parameter in taken or effect.parameter in symbols:
-            raise InputError(
-                "another parameter or symbol has this name; choose another label",
-                element=where,
+        other = named.setdefault(effect.parameter, effect)
+        if other is not effect:
+            acts = ", ".join(
+                f"{action.term} at {action.at}" for action in other.actions
             )
-        taken.add(effect.parameter)
+            problem = f"another parameter ({acts}) has this name; choose another label"
+            raise InputError(problem, element=where)
+        if effect.parameter in taken or effect.parameter in symbols:
+            problem = "another parameter or symbol has this name; choose another label"
+            raise InputError(problem, element=where)
         for action in effect.actions:
             try:
                 read_term(action.term)

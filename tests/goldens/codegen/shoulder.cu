@@ -4,8 +4,8 @@
 // SI units, angles in radians. Indices count from 0. Matrices are dense and row-major.
 //
 // Functions, and their operations for each call:
-//   outputs: measured outputs; 4 additions, 7 multiplications, 1 co, 1 sign
-//   matrix: a matrix; 1 addition, 1 multiplication, 1 sin, 1 co
+//   outputs: measured outputs; 4 additions, 7 multiplications, 1 cos, 1 sign
+//   matrix: a matrix; 1 addition, 1 multiplication, 1 sin, 1 cos
 //
 // q (1): joint positions
 //   0: shoulder [rad]

@@ -7,7 +7,7 @@ function result = shoulder_matrix(q, symbols)
 % SI units, angles in radians. Indices count from 1.
 %
 % Functions, and their operations for each call:
-%   matrix: a matrix; 1 addition, 1 multiplication, 1 sin, 1 co
+%   matrix: a matrix; 1 addition, 1 multiplication, 1 sin, 1 cos
 %
 % q (1): joint positions
 %   1: shoulder [rad]

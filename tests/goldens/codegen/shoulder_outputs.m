@@ -7,7 +7,7 @@ function result = shoulder_outputs(q, qd, parameters, symbols)
 % SI units, angles in radians. Indices count from 1.
 %
 % Functions, and their operations for each call:
-%   outputs: measured outputs; 4 additions, 7 multiplications, 1 co, 1 sign
+%   outputs: measured outputs; 4 additions, 7 multiplications, 1 cos, 1 sign
 %
 % q (1): joint positions
 %   1: shoulder [rad]

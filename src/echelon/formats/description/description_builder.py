@@ -323,7 +323,8 @@ def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
         if part.kind == "root":
             raise expressions.error(
                 part.elements[0],
-                "needs a joint; only the first body may go without one",
+                "needs a joint; only the first body may go without one: write "
+                " joint: {type: fixed, origin: {xyz: [0, 0, 0.1]}}  for one that is fixed to its parent",
             )
     return parts
 

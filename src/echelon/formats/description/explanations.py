@@ -6,6 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any, get_args
 
 from echelon.formats.schema.robot_schema import RobotDescription
+from echelon.formats.schema.schema_outputs import SENSORS
 from echelon.formats.schema.schema_types import kind_of
 from echelon.shared import dump_flow, nearest_of, nearest_word, step_into
 
@@ -16,9 +17,14 @@ if TYPE_CHECKING:
 def explained(data: Any, problems: list[ErrorDetails]) -> tuple[str, str]:
     """Path and description of the first problem; a misspelt key comes before the key that is missing because of it."""
     first = min(problems, key=lambda p: p["type"] == "missing")
-    path, value = _locate(data, first["loc"])
+    location = first["loc"]
+    path, value = _locate(data, location)
+    if isinstance(first["input"], dict) and not isinstance(value, dict):
+        # the last part is no key but the branch of a union, which has the name of one
+        location = location[:-1]
+        path, value = _locate(data, location)
     unknown = first["type"] == "unknown_key"
-    place = (*first["loc"], first["ctx"]["key"]) if unknown else first["loc"]
+    place = (*location, first["ctx"]["key"]) if unknown else location
     if unknown:
         path = step_into(path, first["ctx"]["key"])
     line = _line(place)
@@ -95,7 +101,8 @@ def _message(problem: ErrorDetails, value: Any) -> str:
             return f"unknown joint type '{tag}'{nearest_of(tag, valid)}"
         case "union_tag_not_found":
             if problem["loc"][0] == "outputs":
-                return "needs one of the keys joint, actuator, wrench and sum, which say what is measured"
+                *keys, last = SENSORS
+                return f"needs one of the keys {', '.join(keys)} and {last}, which say what is measured"
             return "the key 'type' is missing: a joint has a type such as revolute"
         case "model_attributes_type":
             return f"needs a mapping such as {{type: revolute, axis: z}}, found {kind_of(value)}"

@@ -16,7 +16,7 @@ from echelon.formats.description.document import Document
 from echelon.formats.schema.schema_types import kind_of
 
 _PAIRS = "closed_loop"
-_KINDS = {"6D": "weld", "3D": "spherical"}
+_JOINT_OF_TYPE = {"6D": "weld", "3D": "spherical"}
 _UNIVERSAL = re.compile(r"UJOINT_([XYZ])([XYZ])")
 
 
@@ -76,7 +76,7 @@ def _of_each(
 
 
 def _loop(document: Document, index: int, pair: Any, kind: Any) -> dict[str, Any]:
-    joint = _KINDS.get(str(kind).upper())
+    joint = _JOINT_OF_TYPE.get(str(kind).upper())
     if joint is None:
         raise document.error(
             f"type[{index}]",

@@ -376,9 +376,10 @@ class Additions:
         fixed_to: str,
         stem: str,
         path: str,
+        key: str = "wrench",
     ) -> Cut:
         """One component of the wrench of a body, in a frame whose angles are named after ``stem``."""
-        index, rides = self.find(body, f"{path}.wrench")
+        index, rides = self.find(body, f"{path}.{key}")
         placed = rides @ self.expressions.frame(
             frame, f"{path}.frame", symbol_stem(stem)
         )

@@ -65,7 +65,7 @@ from echelon.formats.mjcf.mjcf_numbers import (
 from echelon.robot import ClosureKind, MotionKind
 from echelon.shared import InputError, unused
 
-_KINDS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
+_JOINT_TYPES = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
 _SINGLE = {"slide": MotionKind.TRANSLATION, "hinge": MotionKind.ROTATION}
 _UNNAMED = "MuJoCo Model"
 _SOME_MASS = 2 * NO_MASS
@@ -133,7 +133,9 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
     reader = _MjcfReader(compile_spec(spec, document), source)
     loops = [equality for equality in equalities if equality not in couples]
     sliding = [
-        str(j.name) for j in spec.joints if loops and _KINDS[int(j.type)] == "slide"
+        str(j.name)
+        for j in spec.joints
+        if loops and _JOINT_TYPES[int(j.type)] == "slide"
     ]
     held, couplings, found = resolve(
         relations, reader.reference, driven, source, sliding
@@ -215,7 +217,7 @@ class _MjcfReader:
             ) from None
 
     def _kind(self, joint: int) -> str:
-        return _KINDS[int(self.model.jnt_type[joint])]
+        return _JOINT_TYPES[int(self.model.jnt_type[joint])]
 
     def _name(self, joint: int) -> str:
         return str(self.model.joint(joint).name)
@@ -334,7 +336,9 @@ class Sensors:
             if drives_joint(actuator)
         )
         self._single = {
-            joint.name for joint in spec.joints if _KINDS[int(joint.type)] in _SINGLE
+            joint.name
+            for joint in spec.joints
+            if _JOINT_TYPES[int(joint.type)] in _SINGLE
         }
         self._wrenches: list[tuple[str, str, Any, bool]] = []
         self._efforts: list[LiteralEffort] = []

@@ -22,6 +22,7 @@ from echelon.formats.schema.schema_types import (
     Name,
     Real,
     by_form,
+    exactly_one,
     optional,
     refusal,
     required,
@@ -98,10 +99,38 @@ Columns = Annotated[
     by_form("text", "mapping"),
 ]
 
+
+class MotionSensorEntry(Model):
+    """A sensor of motion that measures a combination of coordinates, or the angle of a body to the vertical."""
+
+    terms: dict[str, Expression] | None = optional(
+        None, "Ratio to each coordinate, by name.", {"left-knee": "1", "hip": "1"}
+    )
+    body: Name | None = optional(
+        None,
+        "In place of terms, of an inclinometer: the body that carries it. All joints below that tilt the body turn about "
+        "level axes of one direction; those below them may turn about the vertical.",
+        "stick",
+    )
+    axis: Literal["x", "y", "z"] = optional(
+        "x",
+        "Axis of the body's frame whose angle from the vertical, upwards, an inclinometer measures; it grows as the "
+        "coordinate of the last joint does that tilts the body.",
+        "z",
+    )
+
+    _one_kind = exactly_one("terms", "body")
+
+
+Combination = Annotated[
+    Annotated[Expression, Tag("text")] | Annotated[MotionSensorEntry, Tag("mapping")],
+    by_form("text", "mapping"),
+]
+
 _BY_NAME = (
     "{n} counts from 1, {i} from 0, {n+12} and {2*n-1} are numbers too, {name} is the name; all for every coordinate, "
     "actuators for every drive, "
-    "or one by one, where names of actuators mean the motor's side."
+    "or one by one, where names of actuators mean the motor's side, and those of sensors what these measure."
 )
 
 
@@ -115,6 +144,13 @@ class LogEntry(Model):
     )
     rate: Positive | None = optional(
         None, "Samples per second, without time stamps.", 1000
+    )
+    sensors: dict[str, Combination] = optional(
+        {},
+        "Sensors of motion that measure combinations of coordinates, such as inclinometers, by names for position, "
+        "velocity, acceleration and reference.",
+        {"tilt_stick": "boom + stick"},
+        {"tilt_stick": {"body": "stick", "axis": "x"}},
     )
     position: Columns | None = optional(
         None, f"Positions. {_BY_NAME}", "q_{n}", {"actuators": "motor_{n}"}

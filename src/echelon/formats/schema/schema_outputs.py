@@ -47,8 +47,12 @@ class Places(Protocol):
         fixed_to: Fixed,
         stem: str,
         path: str,
+        key: str = "wrench",
     ) -> Cut:
-        """One component of the wrench of a body, in a frame whose angles are named after ``stem``."""
+        """One component of the wrench of a body, in a frame whose angles are named after ``stem``.
+
+        ``key`` is that under which the entry names the body, for errors.
+        """
 
     def weight(self, text: str, path: str) -> Polynomial:
         """A number or an expression in symbols."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Discriminator, Tag, model_validator
 
+from echelon.algebra import parse
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Direction,
@@ -18,7 +19,7 @@ from echelon.formats.schema.schema_types import (
     refusal,
     required,
 )
-from echelon.robot import CONSTANTS, KINDS
+from echelon.robot import CONSTANTS, KINDS, POSITIVE_CONSTANTS
 
 Side = Literal["joint", "actuator"]
 
@@ -106,6 +107,11 @@ class ReadyEffect(Model):
     label: Name | None = optional(
         None, "Ends the names of its parameters, which all places share.", "5"
     )
+    width: Expression | None = optional(
+        None,
+        "Of smooth Coulomb friction, rad/s or m/s: its force is proportional to tanh(qd/width).",
+        "0.01",
+    )
     velocity: Expression | None = optional(
         None, "Stribeck velocity, rad/s or m/s.", "0.05"
     )
@@ -156,8 +162,13 @@ class ReadyEffect(Model):
                 raise refusal(
                     f"a {self.type} effect needs '{name}', such as {name}: {example}"
                 )
-        if self.velocity is not None and self.velocity.strip(" 0.") == "":
-            raise refusal("a Stribeck velocity is not 0")
+        for name, text in self.constants.items():
+            number = parse(text).number if name in POSITIVE_CONSTANTS else None
+            if number is not None and float(number) <= 0:
+                problem = (
+                    f"'{name}' of a {self.type} effect is more than 0, found {text}"
+                )
+                raise refusal(problem)
         return self
 
 

@@ -21,8 +21,10 @@ from echelon.formats.snapping import PRECISION
 from echelon.formats.writers.xml_editor import comment
 from echelon.robot import (
     ALL,
+    CONSTANTS,
     Action,
     Body,
+    JointNumber,
     Mechanism,
     Side,
     convert,
@@ -182,16 +184,6 @@ def reading_notes(
         yield "files that it refers to are looked for relative to the folder of the input"
 
 
-CALLED = {
-    "viscous": "viscous friction",
-    "coulomb": "Coulomb friction",
-    "rotor_inertia": "rotor inertia",
-    "spring": "stiffness of springs",
-    "offset": "constant forces",
-}
-"""Kinds of effects that files may state as one number of a joint, and their names in notes."""
-
-
 @dataclass(frozen=True)
 class JointEffects:
     """Effects as numbers of joints."""
@@ -205,7 +197,8 @@ class JointEffects:
 class _Simple:
     """An effect that is one number of one joint."""
 
-    kind: str
+    number: JointNumber
+    constants: Collection[str]  # what its law needs besides
     coordinate: str
     value: float
 
@@ -213,11 +206,14 @@ class _Simple:
 def joint_effects(
     mechanism: Mechanism,
     values: Mapping[str, float],
-    supported: Mapping[str, str],
+    supported: Mapping[JointNumber, str],
     coordinates: Collection[str],
     file_format: str,
 ) -> JointEffects:
-    """Sort effects into attributes of joints and what a format cannot say."""
+    """Sort effects into attributes of joints and what a format cannot say.
+
+    ``supported`` has the names of attributes.
+    """
     attributes: dict[str, dict[str, float]] = {}
     lost: dict[str, list[str]] = {}
     for effect in mechanism.effects:
@@ -238,8 +234,11 @@ def joint_effects(
             continue
         for at in filter(None, simple):
             found = attributes.setdefault(at.coordinate, {})
-            name = supported[at.kind]
+            name = supported[at.number]
             found[name] = found.get(name, 0.0) + at.value
+            for constant in at.constants:
+                reason = f"{file_format} states {at.number} without a {constant}, which is left out"
+                lost.setdefault(reason, []).append(effect.parameter)
     return JointEffects(
         attributes,
         tuple(f"{reason}: {', '.join(entries)}" for reason, entries in lost.items()),
@@ -262,10 +261,11 @@ def kept_notes(
 
 def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | None:
     """An effect as one number of one joint; None for effects of other kinds, or on several joints."""
-    if action.kind not in CALLED:
+    number, constants = action.number, CONSTANTS.get(action.kind, {})
+    if number is None:
         return None
     if action.side is Side.JOINT:
-        return _Simple(action.kind, action.at, value)
+        return _Simple(number, constants, action.at, value)
     terms = next(
         a.terms for a in mechanism.transmission.actuators if a.name == action.at
     )
@@ -273,24 +273,23 @@ def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | Non
     if len(terms) != 1 or not known.keys() >= set(terms[0][1].symbols()):
         return None
     coordinate, ratio = terms[0]
-    gear = ratio.at(known)
-    scale = {"coulomb": abs(gear), "offset": gear}.get(action.kind, gear * gear)
-    return _Simple(action.kind, coordinate, value * scale)
+    scale = number.at_joint(ratio.at(known))
+    return _Simple(number, constants, coordinate, value * scale)
 
 
 def _obstacle(
     simple: _Simple | None,
-    supported: Mapping[str, str],
+    supported: Mapping[JointNumber, str],
     coordinates: Collection[str],
     file_format: str,
 ) -> str:
     """The reason why an effect cannot be an attribute of a joint; empty if it can."""
     if simple is None:
         return f"{file_format} has no place for these effects, left out"
-    if simple.kind not in supported:
-        return f"{file_format} has no place for {CALLED[simple.kind]}, left out"
+    if simple.number not in supported:
+        return f"{file_format} has no place for {simple.number}, left out"
     if simple.coordinate not in coordinates:
         return f"{file_format} states effects of single-axis joints only, left out"
-    if simple.value < 0 and simple.kind != "offset":
-        return f"simulators refuse negative {CALLED[simple.kind]}, left out"
+    if simple.value < 0 and simple.number is not JointNumber.FORCE:
+        return f"simulators refuse negative {simple.number}, left out"
     return ""

@@ -36,7 +36,7 @@ from echelon.formats.writers.identified_values import (
     reading_notes,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, decoded
-from echelon.robot import Mechanism
+from echelon.robot import JointNumber, Mechanism
 from echelon.shared import InputError, in_quotes
 
 JOINTS = ("joint", "freejoint")
@@ -98,8 +98,12 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
 
 
 _FORMAT = "MJCF"
-_ATTRIBUTES = {kind: attribute for attribute, kind in DRIVES.items()} | {
-    "offset": "springref"
+_ATTRIBUTES = {
+    JointNumber.DAMPING: "damping",
+    JointNumber.DRY: "frictionloss",
+    JointNumber.ARMATURE: "armature",
+    JointNumber.STIFFNESS: "stiffness",
+    JointNumber.FORCE: "springref",
 }
 _RUBBING = ("damping", "frictionloss", "armature")
 _HARMFUL = (

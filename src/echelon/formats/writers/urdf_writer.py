@@ -41,6 +41,7 @@ from echelon.robot import (
     GROUND,
     ORIGIN,
     Body,
+    JointNumber,
     Mechanism,
     Motion,
     MotionKind,
@@ -52,7 +53,7 @@ from echelon.robot import (
 from echelon.shared import Floats, InputError, in_quotes, unused
 
 FORMAT = "URDF"
-DYNAMICS = {"viscous": "damping", "coulomb": "friction"}
+DYNAMICS = {JointNumber.DAMPING: "damping", JointNumber.DRY: "friction"}
 """What the element <dynamics> can say; URDF has nothing for the inertia of a rotor."""
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 

@@ -21,10 +21,10 @@ from echelon.identification.judge.hypothesis import OtherReading, Usual
 from echelon.identification.logs.columns.column_map import (
     Channel,
     ColumnMap,
-    motion_of,
     signal_names,
+    units,
 )
-from echelon.robot import MotionKind, transmission_matrix
+from echelon.robot import transmission_matrix
 from echelon.shared import Floats
 
 _COUPLED = 4  # joints in a row among which a drive moves two: belts and shafts through arms lead no farther
@@ -113,6 +113,7 @@ class Readings:
         names = self.names
         if (
             self.base.mechanism.actuators
+            or self.columns.sensors
             or set(names) != set(self.outputs)
             or len(names) != len(self.outputs)
         ):
@@ -171,8 +172,9 @@ class Readings:
     def _of_positions(self) -> Iterator[_Change]:
         label, n = self.position_labels, len(self.position_labels)
         yield from _flips("positions", label, _Change)
-        for i, name in enumerate(self.names if n == len(self.names) else ()):
-            if name in self.outputs:
+        for i, key in enumerate(self._keys):
+            name = key if key in self.names else self.names[i]  # of a drive its joint
+            if name in self.outputs and key not in self.columns.sensors:
                 text = f"'{name}' turns the other way: position and output have the wrong sign, or its axis has"
                 forces = _scaled(len(self.outputs), self.outputs.index(name), -1.0)
                 yield _Change(text, _scaled(n, i, -1.0), outputs=forces)
@@ -207,10 +209,9 @@ class Readings:
         yield from self._of_gears()
 
     def _of_velocities(self) -> Iterator[_Change]:
-        label, n = (
-            self._named("velocity", self._keys, self.columns.velocities),
-            len(self._keys),
-        )
+        stated = self.columns.velocities
+        keys = self._keys_of(stated)
+        label, n = self._named("velocity", keys, stated), len(keys)
         yield from _flips(
             "velocities", label, lambda text, matrix: _Change(text, velocities=matrix)
         )
@@ -285,8 +286,10 @@ class Readings:
 
     @cached_property
     def _keys(self) -> tuple[str, ...]:
-        """Names of what the columns of positions measure: coordinates, or drives."""
-        stated = self.columns.positions
+        """Names of what the columns of positions measure; :meth:`_combinations` must know each kind of them."""
+        return self._keys_of(self.columns.positions)
+
+    def _keys_of(self, stated: Mapping[str, Channel]) -> tuple[str, ...]:
         return tuple(stated) if len(stated) == len(self.names) else self.names
 
     @property
@@ -311,23 +314,33 @@ class Readings:
     @cached_property
     def _slides(self) -> list[bool]:
         """Whether columns of positions are lengths."""
-        motions = [motion_of(self.base.mechanism, key) for key in self._keys]
+        mechanism, sensors = self.base.mechanism, self.columns.sensors
         return [
-            motion is not None and motion.kind is MotionKind.TRANSLATION
-            for motion in motions
+            units(mechanism, "position", key, sensors) == ("m",) for key in self._keys
         ]
 
     @cached_property
     def _channels(self) -> Floats:
         """Columns of positions as combinations of coordinates, shape (n, n)."""
-        found = np.eye(len(self.names))
-        if set(self._keys) == set(self.names):
-            return found[[self.names.index(key) for key in self._keys]]
+        return self._combinations(self._keys)
+
+    @cached_property
+    def _zeros(self) -> Floats:
+        """What columns without their offsets show where all coordinates are zero, SI units, shape (n,)."""
+        sensors = self.columns.sensors
+        shown = [sensors[key].zero if key in sensors else 0.0 for key in self._keys]
+        return np.asarray(np.array(shown) - self.offsets)
+
+    def _combinations(self, keys: Sequence[str]) -> Floats:
+        """What coordinates, drives and sensors measure as combinations of coordinates, shape (n, n)."""
         driven, T = transmission_matrix(self.base.mechanism)
         drives = [actuator.name for actuator in self.base.mechanism.actuators]
-        for row, key in zip(found, self._keys, strict=True):
-            row[:] = 0.0
-            if key in self.names:
+        found = np.zeros((len(keys), len(self.names)))
+        for row, key in zip(found, keys, strict=True):
+            if key in self.columns.sensors:
+                for name, weight in self.columns.sensors[key].weights.items():
+                    row[self.names.index(name)] = weight
+            elif key in self.names:
                 row[self.names.index(key)] = 1.0
             else:
                 row[[self.names.index(name) for name in driven]] = T[drives.index(key)]
@@ -358,15 +371,11 @@ class Readings:
                 rows, qd=rows.qd * faster, qdd=rows.qdd * faster * change.rate
             )
         if change.velocities is not None:
-            return self._turned(
-                rows,
-                self._channels.T
-                @ change.velocities.T
-                @ np.linalg.inv(self._channels).T,
-            )
+            V = self._combinations(self._keys_of(self.columns.velocities))
+            return self._turned(rows, V.T @ change.velocities.T @ np.linalg.inv(V).T)
         if change.positions is None and change.shift is None:
             return rows
-        P, offset = self._channels, self.offsets
+        P, zero = self._channels, self._zeros
         matrix = np.eye(len(P)) if change.positions is None else change.positions
         shift = np.zeros(len(P)) if change.shift is None else change.shift
         back = np.linalg.inv(P).T
@@ -374,9 +383,7 @@ class Readings:
             [self._coordinates[0].index(name) for name in self.names],
             rows.q.copy(),
         )
-        q[:, places] = (
-            (q[:, places] @ P.T - offset) @ matrix.T + offset + shift
-        ) @ back
+        q[:, places] = ((q[:, places] @ P.T + zero) @ matrix.T - zero + shift) @ back
         rows = replace(rows, q=q)
         if change.positions is None or self.velocities:
             return rows

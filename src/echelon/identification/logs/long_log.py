@@ -1,7 +1,7 @@
 """Logs with a row for every joint and time, as databases and melted data frames write them, joint beside joint.
 
-They are told by a column of few labels, of joints or of quantities, whose rows repeat the same times.  Such a log is
-read as a whole: the rows of one time may stand anywhere in it.
+They are told by a column of few labels, of joints or of quantities, whose rows repeat the same times, or take turns
+with times of their own.  Such a log is read as a whole: the rows of one time may stand anywhere in it.
 """
 
 from __future__ import annotations
@@ -92,12 +92,21 @@ def _shared_clock(columns: Mapping[str, Floats], labels: Labels) -> str:
         said or list(own),
         named=bool(said),
     )
-    return (
-        time
-        if time
-        and np.mean(np.isin(columns[time][labels == others[0]], own[time])) > SHARE
-        else ""
-    )
+    if not time:
+        return ""
+    pair = own[time], columns[time][labels == others[0]]
+    repeated = max(np.mean(np.isin(*pair)), np.mean(np.isin(*pair[::-1]))) > SHARE
+    return time if repeated or _take_turns(columns[time], labels) else ""
+
+
+def _take_turns(times: Floats, labels: Labels) -> bool:
+    """Whether each label has a clock and most rows of the rarest one stand between rows of others, as no mode's do."""
+    every, counts = np.unique(labels, return_counts=True)
+    rarest = labels == every[np.argmin(counts)]
+    begins = rarest & np.append(True, ~rarest[:-1])
+    alone = 2 * np.count_nonzero(begins) > np.min(counts)
+    stamps = ({"t": np.sort(times[labels == one])} for one in every)
+    return bool(alone) and all(clock(own, ["t"], named=True) for own in stamps)
 
 
 class LongLog:
@@ -135,7 +144,7 @@ class LongLog:
     def tables(
         self, names: Sequence[str] | None = None, rows: int = CHUNK
     ) -> Iterator[Table]:
-        """One table, with NaN where a label lacks a time."""
+        """One table, with NaN where a label lacks a time; if labels lack many, each has a clock of its own."""
         del rows
         chosen = selected(self.source, names, self.names)
         needed = dict.fromkeys(
@@ -151,7 +160,15 @@ class LongLog:
         if any(len(values[self._time]) != len(mine) for mine in self._rows.values()):
             raise InputError("some rows cannot be read, so that it is not known of which label they are",
                              source=self.source)  # fmt: skip
+        labels = dict.fromkeys(
+            self._places[name][1] for name in chosen if name in self._places
+        )
+        stamps = {one: np.unique(values[self._time][self._rows[one]]) for one in labels}
+        fewest = min(map(len, stamps.values()), default=0)
         times, places = np.unique(values[self._time], return_inverse=True)
+        if fewest < SHARE * len(times) and len(labels) > 1:
+            yield self._with_clocks(chosen, values)
+            return
         columns = {}
         for name in chosen:
             column, label = self._places.get(name, (name, ""))
@@ -159,3 +176,22 @@ class LongLog:
             columns[name] = np.full(len(times), np.nan)
             columns[name][places[mine]] = values[column][mine]
         yield Table(self.source, columns)
+
+    def _with_clocks(
+        self, chosen: Sequence[str], values: Mapping[str, Floats]
+    ) -> Table:
+        """A table in which each label has the times of its own rows; those of the first are the column of times."""
+        columns: dict[str, Floats] = {}
+        clocks: dict[str, str] = {}
+        for name in chosen:
+            if name not in self._places:
+                continue
+            column, label = self._places[name]
+            mine, clock_of = self._rows[label], f"{self._time}/{label}"
+            order = np.argsort(values[self._time][mine], kind="stable")
+            columns[name] = values[column][mine][order]
+            columns[clock_of] = values[self._time][mine][order]
+            clocks |= {name: clock_of, clock_of: self._time}
+        if self._time in chosen:
+            columns[self._time] = columns[next(iter(clocks.values()))]
+        return Table(self.source, columns, clocks)

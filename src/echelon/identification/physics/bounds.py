@@ -117,16 +117,16 @@ def roles(mechanism: Mechanism) -> Roles:
     for column, parameter in enumerate(mechanism.columns):
         if column in full:
             continue
-        signed = (
-            _is_signed(effects[parameter.name])
+        positive_itself = (
+            _is_positive(effects[parameter.name])
             if parameter.body is None
             else parameter.kind in _DIAGONAL
         )
-        (positive if signed else free).append(column)
+        (positive if positive_itself else free).append(column)
     return Roles(mechanism, bodies, tuple(positive), tuple(free))
 
 
-def _is_signed(effect: Effect) -> bool:
+def _is_positive(effect: Effect) -> bool:
     """Whether an effect is friction, inertia or stiffness, none of which is negative."""
     return bool(effect.actions) and all(action.is_positive for action in effect.actions)
 

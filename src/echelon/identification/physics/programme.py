@@ -59,7 +59,7 @@ SVEC = np.stack([svec(pseudo_inertia(unit)) for unit in np.eye(PER_BODY)], axis=
 """svec(J) = SVEC · (XX … M), shape (10, 10)."""
 
 
-_KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
+_CONES = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 
 # units of the objective that are tried one after another
 _UNITS = (1.0, 1e-2, 1e-4, 1e-6, 1e2, 3.0, 0.3)
@@ -89,7 +89,7 @@ class ConeProgram:
 
     size: int  # variables
     _blocks: dict[str, list[tuple[Any, Floats]]] = field(
-        default_factory=lambda: {kind: [] for kind in _KINDS}
+        default_factory=lambda: {kind: [] for kind in _CONES}
     )
 
     def add(self, kind: str, matrix: Any, offset: Floats) -> None:
@@ -121,7 +121,7 @@ class ConeProgram:
             for k in lengths["exponential"]
             for _ in range(k // 3)
         ]
-        blocks = [block for kind in _KINDS for block in self._blocks[kind]]
+        blocks = [block for kind in _CONES for block in self._blocks[kind]]
         rows = csc_array(vstack([-matrix for matrix, _ in blocks]))
         offsets = np.concatenate([offset for _, offset in blocks])
         settings = clarabel.DefaultSettings()

@@ -365,9 +365,8 @@ def _columns_without(
     q, v, a, r = (
         left(kind) for kind in ("position", "velocity", "acceleration", "reference")
     )
-    return ColumnMap(
-        columns.time, columns.rate, q, v, a, left("output", {*locked, *silent}), r
-    )
+    y = left("output", {*locked, *silent})
+    return ColumnMap(columns.time, columns.rate, q, v, a, y, r, sensors=columns.sensors)
 
 
 def _without(

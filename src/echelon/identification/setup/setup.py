@@ -12,7 +12,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echelon.algebra import DEFAULT_SEED, PI, parse, symbol_of
+from echelon.algebra import (
+    DEFAULT_SEED,
+    PI,
+    Polynomial,
+    is_trigonometric,
+    parse,
+    symbol_of,
+)
 from echelon.formats import (
     Document,
     ExcitationEntry,
@@ -23,12 +30,17 @@ from echelon.formats import (
     open_robot,
     with_usual_effects,
 )
-from echelon.identification.logs.columns.column_map import Channel, ColumnMap
+from echelon.identification.logs.columns.column_map import ORDERS, Channel, ColumnMap
+from echelon.identification.logs.columns.motion_sensors import (
+    MotionSensor,
+    inclinometer,
+)
+from echelon.identification.logs.finding import listed
 from echelon.robot import Mechanism, known_values
 from echelon.shared import InputError, in_quotes, nearest, nearest_of, public
 
 if TYPE_CHECKING:
-    from echelon.formats import Column, ColumnEntry, Columns, LogEntry
+    from echelon.formats import Column, ColumnEntry, Columns, Combination, LogEntry
 
 
 @public
@@ -247,13 +259,16 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
     entry = robot.identification
     many = isinstance(robot.log, tuple)
     logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
+    resting = {**robot.locked, **options.locked}
     folder, prior = file.directory or Path(), entry.prior.file
     stated = None if prior is None else open_robot(folder / prior).mechanism(options)
     return Setup(
         file.source,
         mechanism,
         tuple(
-            _LogSection(mechanism, document, f"log[{k}]" if many else "log").read(log)
+            _LogSection(
+                mechanism, document, f"log[{k}]" if many else "log", resting
+            ).read(log)
             for k, log in enumerate(logs)
         ),
         robot.preparation,
@@ -278,16 +293,28 @@ EVERY, DRIVES = (
 class _LogSection:
     """A ``log`` section of a description, read as a column map."""
 
-    def __init__(self, mechanism: Mechanism, document: Document, path: str) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        document: Document,
+        path: str,
+        resting: Mapping[str, float],
+    ) -> None:
         self.mechanism, self.document, self.path = mechanism, document, path
         self.drives = tuple(
             a.name
             for a in mechanism.transmission.actuators
             if a.name not in mechanism.springs
         )
-        self.known = {**known_values(mechanism), PI: math.pi}
+        # values of symbols, and of joints that are locked
+        self.known = {**resting, **known_values(mechanism), PI: math.pi}
+        self.sensors: dict[str, MotionSensor] = {}
+        # coordinates whose velocities are their derivatives, which those of balls are not
+        self.single = [n for n in mechanism.velocities if n in mechanism.positions]
 
     def read(self, log: LogEntry) -> ColumnMap:
+        for name, sensor in log.sensors.items():
+            self.sensors[name] = self._sensor(name, sensor)
         positions, velocities = (
             self.mechanism.independent_positions,
             self.mechanism.independent_velocities,
@@ -304,7 +331,55 @@ class _LogSection:
             self._channels(log.output, "output", outputs),
             self._channels(log.reference, "reference", positions),
             self._channels(log.input, "input", velocities),
+            sensors=self.sensors,
         )
+
+    def _sensor(self, name: str, entry: Combination) -> MotionSensor:
+        """A sensor of motion, by the combination of coordinates or the body that is stated."""
+        path, moving = f"{self.path}.sensors.{name}", self.single
+        if name in (*moving, *self.mechanism.positions, *self.drives, EVERY, DRIVES):
+            problem = "means a coordinate, a drive or all of them: choose another name"
+            raise self.document.error(path, problem)
+        if isinstance(entry, str):
+            return self._combination(entry, path)
+        if entry.terms is not None:
+            weights = {}
+            for joint, ratio in entry.terms.items():
+                place = f"{path}.terms.{joint}"
+                if joint not in moving:
+                    problem = f"there is no such coordinate{nearest_of(joint, moving)}"
+                    raise self.document.error(place, problem)
+                weights[joint] = self._value(ratio, place)
+            return MotionSensor(weights)
+        bodies = [body.name for body in self.mechanism.bodies]
+        if entry.body not in bodies:
+            problem = f"there is no such body{nearest_of(str(entry.body), bodies)}"
+            raise self.document.error(f"{path}.body", problem)
+        try:
+            return inclinometer(self.mechanism, entry.body, entry.axis)
+        except InputError as error:
+            raise self.document.error(path, error.problem) from None
+
+    def _combination(self, text: str, path: str) -> MotionSensor:
+        """A linear expression in coordinates."""
+        moving, zero = self.single, 0.0
+        weights: dict[str, float] = {}
+        for monomial, number in self._parsed(text, path, moving).terms.items():
+            joints = [(g, power) for g, power in monomial if symbol_of(g) in moving]
+            rest = Polynomial({tuple(f for f in monomial if f not in joints): number})
+            value = rest.at(self.known)
+            if not joints:
+                zero += value
+                continue
+            joint, power = joints[0]
+            if len(joints) > 1 or power != 1 or is_trigonometric(joint):
+                problem = f"'{text}' is not linear in the coordinates"
+                raise self.document.error(path, problem)
+            weights[joint] = weights.get(joint, 0.0) + value
+        if not weights:
+            problem = f"'{text}' has no coordinate of the robot ({listed(moving)})"
+            raise self.document.error(path, problem)
+        return MotionSensor(weights, zero)
 
     def _channels(
         self, columns: Columns | None, key: str, names: Sequence[str]
@@ -324,9 +399,10 @@ class _LogSection:
         for name, entry in columns.items():
             path = f"{self.path}.{key}.{name}"
             if name not in (EVERY, DRIVES):
-                valid = [*names, *self.drives]
+                valid = [*names, *self.drives, *(self.sensors if key in ORDERS else ())]
                 if name not in valid:
-                    problem = f"there is no such coordinate, output or drive{nearest_of(name, [*valid, EVERY, DRIVES])}"
+                    others = [*valid, EVERY, DRIVES]
+                    problem = f"there is no such coordinate, output or drive{nearest_of(name, others)}"
                     raise self.document.error(path, problem)
                 found[name] = self._channel(entry, path, {"name": name})
         return found
@@ -369,21 +445,31 @@ class _LogSection:
 
     def _number(self, entry: ColumnEntry, part: str, path: str) -> float:
         text, place = str(getattr(entry, part)), f"{path}.{part}"
+        number = self._value(text, place)
+        if part == "scale" and number == 0:
+            problem = f"'{text}' is {number}; a scale must be finite and not zero"
+            raise self.document.error(place, problem)
+        return number
+
+    def _value(self, text: str, place: str) -> float:
+        """A number or an expression in symbols with values."""
+        number = self._parsed(text, place).at(self.known)
+        if not math.isfinite(number):
+            problem = f"'{text}' is {number}; it must be finite"
+            raise self.document.error(place, problem)
+        return number
+
+    def _parsed(
+        self, text: str, place: str, coordinates: Sequence[str] = ()
+    ) -> Polynomial:
+        """An expression in symbols with values, and in coordinates."""
         try:
             value = parse(text)
         except ValueError as error:
             raise self.document.error(place, str(error)) from None
-        for generator in value.generators():
-            if symbol_of(generator) not in self.known:
-                hint = nearest(symbol_of(generator), self.known)
-                raise self.document.error(
-                    place, f"'{symbol_of(generator)}' in '{text}' has no value{hint}"
-                )
-        number = value.at(self.known)
-        if not math.isfinite(number) or (part == "scale" and number == 0):
-            raise self.document.error(
-                place,
-                f"'{text}' is {number}; a {part} must be finite"
-                + " and not zero" * (not number),
-            )
-        return number
+        for symbol in map(symbol_of, value.generators()):
+            if symbol not in self.known and symbol not in coordinates:
+                valid = [*self.known, *coordinates]
+                problem = f"'{symbol}' in '{text}' has no value{nearest(symbol, valid)}"
+                raise self.document.error(place, problem)
+        return value

@@ -243,7 +243,17 @@ def _questions(columns: ColumnMap) -> list[str]:
         asked.append(
             "whether positions are zero, and turn the same way, where the robot file says so (offset, scale: -1)"
         )
+    for name, channel in columns.positions.items():
+        if _INCLINED.search(channel.column) and not _INCLINED.search(name):
+            asked.append(
+                f"whether '{channel.column}' is the angle of the joint '{name}': the angle of a body to the vertical is a "
+                f"sensor, sensors: {{tilt: {{body: …}}}}, and a position of its own, position: {{tilt: {channel.column}}}"
+            )
     return asked
+
+
+_INCLINED = re.compile("incl|tilt|pitch|slope", re.IGNORECASE)
+"""Words for angles of bodies to the vertical, in names of columns."""
 
 
 # -- text -------------------------------------------------------------------------------------------------------------

@@ -390,9 +390,12 @@ class _Columns:
         if look is None or look().clocks:
             found = [name for name in found if not name.startswith("/")]
         if look is not None and (len(found) > 1 or (unnamed and not found)):
+            clocks = look().clocks
+            # of clocks that have one themselves, that is the file's column of times
+            known = [clocks[own] for own in clocks.values() if own in clocks]
             chosen = (
-                ""
-                if look().clocks and not found
+                next(iter(known), "")
+                if clocks and not found
                 else clock(self.values, found or unnamed, named=bool(found))
             )
             found = [chosen] if chosen else found
@@ -530,7 +533,8 @@ class _Columns:
         if first > 1 or every != set(range(first, first + len(valid))):
             has = f"one {kind}"
             if found:
-                has = f"{counted(len(found), kind, _several(kind))} (numbers {', '.join(map(str, sorted(found)))})"
+                words = "numbers" if len(found) > 1 else "joint number"
+                has = f"{counted(len(found), kind, _several(kind))} ({words} {', '.join(map(str, sorted(found)))})"
             raise InputError(
                 f"the log has {has}, {listed(numbers)}, but {self.mechanism.name} has {len(valid)}: {listed(valid)}; "
                 "is it a log of another robot?  If not, say under log which they are"

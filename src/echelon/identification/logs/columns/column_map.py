@@ -10,6 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from echelon.identification.logs.columns.motion_sensors import (
+    NO_SENSORS,
+    MotionSensor,
+    Sensors,
+)
 from echelon.identification.logs.recording import Recording
 from echelon.robot import Actuator, Mechanism, Motion, MotionKind
 
@@ -31,8 +36,8 @@ class ColumnMap:
     """Which columns hold which quantities.
 
     Keys of positions, velocities, accelerations and references are coordinates of the mechanism; or actuators, for what
-    is measured on the motor's side of the gear.  Keys of outputs are its outputs; or actuators, whose forces become
-    those of the joints (τ_q = Tᵀ τ_θ) where joints are the outputs.
+    is measured on the motor's side of the gear; or sensors of motion.  Keys of outputs are its outputs; or actuators,
+    whose forces become those of the joints (τ_q = Tᵀ τ_θ) where joints are the outputs.
     """
 
     time: Channel | None = (
@@ -52,6 +57,8 @@ class ColumnMap:
     )  # positions that the controller was asked for
     # measured inputs that effects use, such as currents, by coordinate or actuator
     inputs: Mapping[str, Channel] = field(default_factory=dict)
+    # those whose names positions, velocities, accelerations and references use
+    sensors: Mapping[str, MotionSensor] = field(default_factory=dict, kw_only=True)
 
     @property
     def channels(self) -> dict[str, Mapping[str, Channel]]:
@@ -106,8 +113,15 @@ def independent_coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
     )
 
 
-def units(mechanism: Mechanism, kind: str, name: str) -> tuple[str, ...] | None:
+def units(
+    mechanism: Mechanism, kind: str, name: str, sensors: Sensors = NO_SENSORS
+) -> tuple[str, ...] | None:
     """SI units that a channel may have: two for an actuator, which turns or slides; None for an input."""
+    if name in sensors:
+        every = [
+            units(mechanism, kind, part, {}) or () for part in sensors[name].weights
+        ]
+        return tuple(dict.fromkeys(unit for some in every for unit in some))
     if kind == "input":
         return None
     if kind == "output":

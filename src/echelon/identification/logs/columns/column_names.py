@@ -43,7 +43,7 @@ _WORDS = {
     "time": "t ts tout time times timestamp timestamps stamp datetime clock elapsed seconds zeit uhrzeit zeitstempel "
     "tiempo temps tempo",
 }
-_KINDS = _by_word(_WORDS)
+_KIND_OF_WORD = _by_word(_WORDS)
 _WEAK = frozenset(
     "a v i t d"
 )  # letters that say what is measured only where no word does
@@ -61,7 +61,7 @@ _OTHERS = {
 _ROLES = _by_word(_OTHERS)
 _COMMANDS = frozenset(_OTHERS["reference"].split())
 _NEUTRAL = frozenset(_OTHERS["neutral"].split())
-KNOWN = frozenset(_KINDS) | frozenset(
+KNOWN = frozenset(_KIND_OF_WORD) | frozenset(
     _ROLES
 )  # words that say something of what is measured
 _UNITS = _by_word(
@@ -117,7 +117,7 @@ _AFFIX = re.compile(
 )
 _TRAILING_NUMBER = re.compile(r"\d{1,9}$")  # longer ones are no numbers of joints
 _BARE = frozenset({"joint", "state", "neutral"})
-_STRONG = frozenset(_KINDS) - _WEAK
+_STRONG = frozenset(_KIND_OF_WORD) - _WEAK
 _PREFIXES = {"j"} | {
     word for word in _ROLES if len(word) > 2
 }  # first parts of compounds
@@ -230,12 +230,12 @@ def _by_words(text: str, name: str, unit: str) -> Meaning | None:
         elif (
             letters in _WEAK
             and not (letters == "d" and not (kinds or weak))
-            and letters in _KINDS
+            and letters in _KIND_OF_WORD
         ):
-            weak.append(_KINDS[letters])
+            weak.append(_KIND_OF_WORD[letters])
             roles |= {_ROLES[letters]} if letters in _ROLES else set()
-        elif letters in _KINDS:
-            kinds.append(_KINDS[letters])
+        elif letters in _KIND_OF_WORD:
+            kinds.append(_KIND_OF_WORD[letters])
         elif not letters or letters in _ROLES:
             roles |= {_ROLES[letters]} if letters else set()
         else:
@@ -259,7 +259,7 @@ def _split(text: str) -> Iterator[str]:
         cuts = [k for k in range(1, len(letters)) if _are_two(letters[:k], letters[k:])]
         yield from (
             [word]
-            if letters in _KINDS or letters in _UNITS or not cuts
+            if letters in _KIND_OF_WORD or letters in _UNITS or not cuts
             else [word[: cuts[0]], word[cuts[0] :]]
         )
 
@@ -267,7 +267,7 @@ def _split(text: str) -> Iterator[str]:
 def _are_two(first: str, second: str) -> bool:
     """Whether two words stand together, as in ``jpos`` or ``qdeg``."""
     return (first in _PREFIXES and second in _STRONG) or (
-        first in _KINDS and second in _ANGLES
+        first in _KIND_OF_WORD and second in _ANGLES
     )
 
 
@@ -358,7 +358,7 @@ def kinds_said(column: str) -> set[str]:
 
 def words() -> dict[str, str]:
     """The words for quantities, with what they stand for."""
-    return {**_KINDS, "temp": "temperature", "temperature": "temperature"}
+    return {**_KIND_OF_WORD, "temp": "temperature", "temperature": "temperature"}
 
 
 _ATTACHED = re.compile(

@@ -3,21 +3,23 @@
 Columns of messages bring clocks of their own, and are interpolated at the stamps of the positions.  Where a clock
 pauses for longer than a gap its values are not numbers.
 
-Positions behind the gears follow from θ = T q.  Every column is one equation, of a joint (q_i = …) or of a motor
-(a row of T), so a log may mix both as long as there are as many equations as unknowns; with more of them the user has
-to say which sensors to believe, since link- and motor-side encoders differ by the elasticity between them.
+Positions behind the gears follow from θ = T q.  Every column is one equation, of a joint (q_i = …), of a motor (a row
+of T) or of another sensor of motion, such as an inclinometer, so a log may mix them as long as there are as many
+equations as unknowns; with more of them the user has to say which sensors to believe, since link- and motor-side
+encoders differ by the elasticity between them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.identification.logs.columns.column_map import (
+    ORDERS,
     Channel,
     ColumnMap,
     actuators,
@@ -26,6 +28,11 @@ from echelon.identification.logs.columns.column_map import (
     units,
 )
 from echelon.identification.logs.columns.column_names import kinds_said
+from echelon.identification.logs.columns.motion_sensors import (
+    NO_SENSORS,
+    MotionSensor,
+    Sensors,
+)
 from echelon.identification.logs.files.log_file import Table
 from echelon.identification.logs.finding import listed
 from echelon.identification.logs.recording import Recording
@@ -139,7 +146,10 @@ class Alignment:
             return np.asarray((self.table.first + np.arange(count)) / self.columns.rate)
         values = raw_column(self.table, clock)
         channel = self.columns.time
-        if channel is None or channel.column != clock:
+        if channel is None or channel.column not in (
+            clock,
+            self.table.clocks.get(clock),
+        ):
             return values
         try:
             return np.asarray(
@@ -229,7 +239,7 @@ def recording(table: Table, columns: ColumnMap, mechanism: Mechanism) -> Recordi
         if not columns.positions:
             raise InputError("the column map names no positions", element="position")
         for kind, group in columns.channels.items():
-            check_names(mechanism, kind, group)
+            check_names(mechanism, kind, group, columns.sensors)
         aligned = _aligned(table, columns)
         given = {
             kind: _read(aligned, mechanism, kind, group)
@@ -237,7 +247,7 @@ def recording(table: Table, columns: ColumnMap, mechanism: Mechanism) -> Recordi
             if group
         }
         signals = {
-            signal: joint_coordinates(mechanism, kind, given[kind])
+            signal: joint_coordinates(mechanism, kind, given[kind], columns.sensors)
             for kind, signal in _STATES.items()
             if kind in given
         }
@@ -281,10 +291,10 @@ def _aligned(table: Table, columns: ColumnMap) -> Alignment:
 
 
 def _units(
-    mechanism: Mechanism, kind: str, name: str, channel: Channel
+    mechanism: Mechanism, kind: str, name: str, channel: Channel, sensors: Sensors
 ) -> Sequence[str] | None:
     """SI units that a column may be in; currents and voltages become forces by a gain that is stated."""
-    expected = units(mechanism, kind, name)
+    expected = units(mechanism, kind, name, sensors)
     gained = kind == "output" and channel.scale != 1 and expected is not None
     return (*expected, *_GAINED) if gained and expected is not None else expected
 
@@ -292,12 +302,13 @@ def _units(
 def _read(
     aligned: Alignment, mechanism: Mechanism, kind: str, group: Mapping[str, Channel]
 ) -> dict[str, Floats]:
-    """Values by coordinate, output or actuator: scale · (column in SI units) + offset."""
+    """Values by coordinate, output, actuator or sensor: scale · (column in SI units) + offset."""
     found = {}
     for name, channel in group.items():
         try:
             ratio = channel.scale * factor(
-                channel.unit, _units(mechanism, kind, name, channel)
+                channel.unit,
+                _units(mechanism, kind, name, channel, aligned.columns.sensors),
             )
         except InputError as error:
             where = f"unit of column '{channel.column}' ({kind} of '{name}')"
@@ -326,31 +337,40 @@ def _read(
 Given = Mapping[str, Floats]
 
 
-def joint_coordinates(mechanism: Mechanism, kind: str, given: Given) -> Floats:
-    """Positions, velocities or accelerations (N, coordinates) from columns by coordinate or actuator, SI units.
+def joint_coordinates(
+    mechanism: Mechanism, kind: str, given: Given, sensors: Sensors = NO_SENSORS
+) -> Floats:
+    """Positions, velocities or accelerations (N, coordinates) from columns by coordinate, actuator or sensor, SI units.
 
     With loops, of the independent coordinates only where only these are given.
     """
     names = coordinates(mechanism, kind)
-    motors = {actuator.name for actuator in actuators(mechanism)}
-    independent = independent_coordinates(mechanism, kind)
-    if not given.keys() - motors - set(independent):
-        names = independent
-    check_names(mechanism, kind, given)
+    check_names(mechanism, kind, given, sensors)
     found = {name: values for name, values in given.items() if name in names}
-    moved = [name for name in given if name not in names]
-    if moved:
-        found |= _behind_gears(
-            mechanism, kind, {name: given[name] for name in moved}, found
-        )
-    missing = [name for name in names if name not in found]
-    if missing:
-        raise InputError(_say_missing(mechanism, kind, missing), element=kind)
+    rows = _rows(
+        mechanism, kind, [name for name in given if name not in names], sensors
+    )
+    told = {*found, *(name for row in rows.values() for name in row.weights)}
+    independent = independent_coordinates(mechanism, kind)
+    if told <= set(independent):
+        names = independent
+    unknown = [name for name in names if name not in found]
+    if unknown and not rows:
+        raise InputError(_say_missing(mechanism, kind, unknown), element=kind)
+    if len(rows) < len(unknown):
+        problem = _say_missing(mechanism, kind, unknown)
+        raise InputError(f"{problem}; {listed(rows)} alone do not determine them")
+    found |= _solved(kind, rows, unknown, {**given, **found})
     return _columns([found[name] for name in names])
 
 
-def check_names(mechanism: Mechanism, kind: str, given: Iterable[str]) -> None:
-    """Refuse keys that are no coordinates, outputs or actuators; suggests what was probably meant."""
+def check_names(
+    mechanism: Mechanism,
+    kind: str,
+    given: Iterable[str],
+    sensors: Sensors = NO_SENSORS,
+) -> None:
+    """Refuse keys that are no coordinates, outputs, actuators or sensors; suggests what was probably meant."""
     motors = [actuator.name for actuator in actuators(mechanism)]
     if kind == "output":
         valid = [
@@ -363,7 +383,7 @@ def check_names(mechanism: Mechanism, kind: str, given: Iterable[str]) -> None:
             *(a.name for a in mechanism.transmission.actuators),
         ]
     else:
-        valid = [*coordinates(mechanism, kind), *motors]
+        valid = [*coordinates(mechanism, kind), *motors, *sensors]
     for name in given:
         if name in mechanism.dependent and kind != "output":
             raise InputError(
@@ -392,37 +412,52 @@ def _say_missing(mechanism: Mechanism, kind: str, missing: Sequence[str]) -> str
     return text + (rests if kind == "position" else "; give all or none")
 
 
-def _behind_gears(
-    mechanism: Mechanism, kind: str, motors: Given, joints: Given
-) -> dict[str, Floats]:
-    """The driven coordinates that are not measured at the joint."""
+def _rows(
+    mechanism: Mechanism, kind: str, names: Sequence[str], sensors: Sensors
+) -> dict[str, MotionSensor]:
+    """What actuators and sensors measure, as combinations of coordinates, by name."""
     driven, matrix = transmission_matrix(mechanism)
     every = [actuator.name for actuator in mechanism.actuators]
-    unknown = [name for name in driven if name not in joints]
-    rows = matrix[[every.index(name) for name in motors]]
-    if len(motors) < len(unknown):
-        raise InputError(
-            _say_missing(mechanism, kind, unknown)
-            + f"; {listed(motors)} alone do not determine them"
-        )
-    if len(motors) > len(unknown):
-        raise InputError(
-            f"{listed([*joints, *motors])} are measured on both sides of a gear; keep one column for each coordinate",
-            element=kind,
-        )
-    solved_by = rows[:, [driven.index(name) for name in unknown]]
-    if np.linalg.matrix_rank(solved_by) < len(unknown):
-        raise InputError(
-            f"the actuators {listed(motors)} do not determine {listed(unknown)}",
-            element=kind,
-        )
-    known = [name for name in driven if name in joints]
-    right = np.stack(list(motors.values()))
-    if known:
-        right = right - rows[:, [driven.index(name) for name in known]] @ np.stack(
-            [joints[name] for name in known]
-        )
-    return dict(zip(unknown, np.linalg.solve(solved_by, right) + 0.0, strict=True))
+    found: dict[str, MotionSensor] = {}
+    for name in names:
+        if name in sensors:
+            zero = 0.0 if ORDERS[kind] else sensors[name].zero
+            found[name] = replace(sensors[name], zero=zero)
+        else:
+            ratios = dict(zip(driven, matrix[every.index(name)], strict=True))
+            moved = {joint: float(ratio) for joint, ratio in ratios.items() if ratio}
+            found[name] = MotionSensor(moved)
+    return found
+
+
+def _solved(
+    kind: str, rows: Mapping[str, MotionSensor], unknown: Sequence[str], given: Given
+) -> dict[str, Floats]:
+    """Coordinates that no column is of, by actuators and sensors that move with them."""
+    if len(rows) > len(unknown):
+        moved = dict.fromkeys(name for row in rows.values() for name in row.weights)
+        stated = [name for name in moved if name not in unknown]
+        problem = f"{listed([*stated, *rows])} measure {listed(moved)} more than once, on both sides of a gear or by several "
+        problem += "sensors; keep one column for each coordinate"
+        raise InputError(problem, element=kind)
+    if not rows:
+        return {}
+    weights = [
+        [row.weights.get(name, 0.0) for name in unknown] for row in rows.values()
+    ]
+    if np.linalg.matrix_rank(weights) < len(unknown):
+        problem = f"{listed(rows)} do not determine {listed(unknown)}"
+        raise InputError(problem, element=kind)
+    right = []
+    for name, row in rows.items():
+        known = [
+            given[joint] * weight
+            for joint, weight in row.weights.items()
+            if joint not in unknown
+        ]
+        right.append(given[name] - row.zero - sum(known))
+    solution = np.linalg.solve(weights, np.stack(right)) + 0.0  # no negative zeros
+    return dict(zip(unknown, solution, strict=True))
 
 
 # -- outputs ----------------------------------------------------------------------------------------------------------

@@ -42,7 +42,8 @@ class Table:
     # shape (N,); by name.  A vector per row is one column per entry: ``positions[0]``, ``positions[1]``, …
     columns: Mapping[str, Floats]
     # column → the column with its time stamps, where the file says so: messages of a bag arrive topic by topic, so
-    # their columns have lengths and clocks of their own.  All other columns have one length and share one clock
+    # their columns have lengths and clocks of their own.  All other columns have one length and share one clock.  The
+    # clock of a clock is the column of times that a set-up knows it by
     clocks: Mapping[str, str] = field(default_factory=dict)
     first: int = 0  # row of the file with which the table begins, for messages
     left_out: tuple[

@@ -206,6 +206,8 @@ def _head(
         return plain[-2]
     if plain:
         return plain[-1]
+    if is_data(table[0]):  # words may stand in it, as they do in the rows below
+        return None
     return 0 if any(_value(cell, delimiter) is None for cell in table[0]) else None
 
 
