@@ -374,6 +374,24 @@ class LinearModel:
         model._keep(program, rows, outputs)
         return model
 
+    @classmethod
+    def recorded(
+        cls,
+        program: Program,
+        rows: Sequence[Sequence[Scalar]],
+        units: Mapping[str, str],
+        constants: Mapping[str, Rational | None],
+        name: str,
+    ) -> LinearModel:
+        """A model whose entries are recorded already, with the units of its parameters by their names."""
+        model = cls.__new__(cls)
+        states = [i.name for i in program.inputs.values() if i.role == "state"]
+        model.variables, model.name = tuple(states), name
+        model.parameters, model.units = tuple(units), tuple(units.values())
+        model.constants = dict(constants)
+        model._keep(program, rows, None)
+        return model
+
     def _declare(
         self,
         X: Any,

@@ -37,6 +37,8 @@ from echelon.formats.schema.schema_log import Columns as Columns
 from echelon.formats.schema.schema_log import IdentificationEntry as IdentificationEntry
 from echelon.formats.schema.schema_log import LogEntry as LogEntry
 from echelon.formats.schema.schema_log import PreparationEntry as PreparationEntry
+from echelon.formats.schema.schema_measure import MeasureEntry as MeasureEntry
+from echelon.formats.schema.schema_measure import MeasureKind as MeasureKind
 from echelon.formats.snapping import ReadingOptions as ReadingOptions
 from echelon.formats.snapping import gravity_vector as gravity_vector
 from echelon.formats.urdf.exact_xml import ExactXml as ExactXml

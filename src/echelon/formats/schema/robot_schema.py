@@ -17,6 +17,7 @@ from echelon.formats.schema.schema_log import (
     LogEntry,
     PreparationEntry,
 )
+from echelon.formats.schema.schema_measure import MeasureEntry
 from echelon.formats.schema.schema_outputs import OutputEntry
 from echelon.formats.schema.schema_setup import (
     EffectEntry,
@@ -321,6 +322,11 @@ class RobotDescription(Model):
         None,
         "What is measured; default: the forces of all actuators.",
         [{"joint": "all"}, {"wrench": "base"}],
+    )
+    measure: Annotated[tuple[MeasureEntry, ...], AS_LIST] = optional(
+        (),
+        "What a calibration of the geometry measures; default: the pose of the last body.",
+        [{"pose": "flange"}, {"distance": "flange", "columns": "bar"}],
     )
     log: Annotated[
         Annotated[LogEntry, Tag("mapping")]

@@ -1,0 +1,1 @@
+"""Names that other rooms may use, and where each is defined."""

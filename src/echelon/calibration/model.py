@@ -1,0 +1,411 @@
+"""The error model of a robot and its measurements: rows that are linear in small errors, exactly and in doubles.
+
+A row is the derivative of what is measured by the errors, at the nominal geometry.  So the combinations of errors that
+measurements show are the base parameters of a linear model, found and certified like all others (Theorem 1).  Where a
+measurement keeps the robot on a surface, or loops are closed, states are closed ones: each surface is a closure of a
+copy of the robot, so that copies with independent states show together what the measurements show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+
+from echelon.algebra import (
+    DEFAULT_SEED,
+    Argument,
+    Function,
+    Polynomial,
+    Program,
+    Scalar,
+    Surd,
+    as_polynomial,
+    derivatives,
+    with_values,
+)
+from echelon.base import LinearBase, base_parameters
+from echelon.calibration.errors import ErredRecorder, GeometryError
+from echelon.calibration.sights import USUAL_RADIUS, Sight, SightRecorder
+from echelon.compute import Kernel
+from echelon.dynamics import LinearModel, geometry_values
+from echelon.loops import Loops, loops_of
+from echelon.robot import (
+    GROUND,
+    IDENTITY,
+    Body,
+    Closure,
+    ClosureKind,
+    Joint,
+    Mechanism,
+    Motion,
+    Placement,
+    RecordedStep,
+    Recorder,
+    ball,
+    in_numbers,
+    rational_rotation,
+    rotation_quaternion,
+    shift,
+    stated_values,
+)
+from echelon.shared import CalibrationErrors, Floats, InputError, symbol_stem
+
+ROUNDED = 6
+"""Decimals of the nominal places of tools, m: a micrometre is far below what anybody calibrates to."""
+ASSEMBLED = 12
+"""Decimals of the frames of touched surfaces, so that they close at the pose that they were found at."""
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """A robot, what is measured of it, and which errors are looked for.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    sights : tuple of Sight
+    kinds : frozenset of str
+        Errors that are looked for.
+    """
+
+    mechanism: Mechanism
+    sights: tuple[Sight, ...]
+    kinds: frozenset[CalibrationErrors]
+
+    # -- doubles -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def ends(self) -> tuple[str, ...]:
+        """Names of all tools and outer frames, whose nominal places are numbers."""
+        return tuple(
+            dict.fromkeys(name for s in self.sights for name in (s.tool, s.frame))
+        )
+
+    @cached_property
+    def _recorded(self) -> tuple[ErredRecorder, list[list[Scalar]]]:
+        program = Program()
+        recorder = ErredRecorder(self.mechanism, program, self.kinds)
+
+        def nominal(name: str) -> RecordedStep:
+            at = [program.input(f"f[{name},{k}]", "symbol") for k in range(12)]
+            rows = [tuple(at[4 * i : 4 * i + 3]) for i in range(3)]
+            return RecordedStep(tuple(rows), (at[3], at[7], at[11]))  # type: ignore[arg-type]
+
+        seen = SightRecorder(recorder, self.sights, nominal)
+        rows = [seen.rows(sight, frame) for sight, frame in seen.relative()]
+        return recorder, rows
+
+    @cached_property
+    def errors(self) -> tuple[GeometryError, ...]:
+        """All errors, in the order of the columns."""
+        return tuple(self._recorded[0].errors.values())
+
+    @cached_property
+    def rows(self) -> tuple[slice, ...]:
+        """Rows of each sight."""
+        ends = np.cumsum([0, *(len(rows) for rows in self._recorded[1])]).tolist()
+        return tuple(map(slice, ends[:-1], ends[1:]))
+
+    @cached_property
+    def _kernels(self) -> tuple[Kernel, Kernel]:
+        recorder, recorded = self._recorded
+        program, mechanism = recorder.program, self.mechanism
+        values = [row.node for rows in recorded for row in rows]
+        inputs = [program.input(name).node for name in recorder.errors]
+        slopes = derivatives(program, values, inputs, reverse=len(values) < len(inputs))
+        frames = [
+            program.input(f"f[{name},{k}]", "symbol").node
+            for name in self.ends
+            for k in range(12)
+        ]
+        symbols = [
+            program.input(name, "symbol").node
+            for name in geometry_symbols(program, set(frames))
+        ]
+
+        def argument(name: str, nodes: Sequence[int], *, uniform: bool) -> Argument:
+            labels = tuple(program.inputs[node].name for node in nodes)
+            return Argument(name, tuple(nodes), labels, ("SI",) * len(nodes), uniform=uniform)
+
+        states = [program.input(f"q[{name}]").node for name in mechanism.positions]
+        turned = [program.input(f"turned[{name}]").node for name in mechanism.positions]
+        arguments = (
+            argument("q", states, uniform=False),
+            argument("turned", turned, uniform=False),
+            argument("errors", inputs, uniform=True),
+            argument("frames", frames, uniform=True),
+            argument("symbols", symbols, uniform=True),
+        )
+        count, names = len(values), tuple(e.name for e in self.errors)
+        labels = tuple(map(str, range(count)))
+        value = {(k,): node for k, node in enumerate(values)}
+        return (
+            Kernel(Function("seen", program, arguments, value, (labels,))),
+            Kernel(Function("slopes", program, arguments, slopes, (labels, names))),
+        )
+
+    def _given(self, q: Floats, errors: Floats, frames: Mapping[str, Floats]) -> dict[str, Floats]:
+        kernel = self._kernels[0]
+        placed = [frames[name][:3, :4].ravel() for name in self.ends]
+        symbols = geometry_values(self.mechanism, kernel.function.arguments[-1:])
+        return {
+            "q": q,
+            "turned": q,
+            "errors": errors,
+            "frames": np.concatenate(placed),
+            **symbols,
+        }
+
+    def seen(self, q: Floats, errors: Floats, frames: Mapping[str, Floats]) -> Floats:
+        """Rows of all sights, shape (N, rows), at positions (N, n) and errors (p,)."""
+        return self._kernels[0](self._given(q, errors, frames))
+
+    def slopes(self, q: Floats, errors: Floats, frames: Mapping[str, Floats]) -> Floats:
+        """Derivatives of the rows by the errors, shape (N, rows, p)."""
+        return self._kernels[1](self._given(q, errors, frames))
+
+    # -- exactly -----------------------------------------------------------------------------------------------------
+
+    def base(
+        self,
+        frames: Mapping[str, Floats] | None = None,
+        pose: Floats | None = None,
+        seed: int = DEFAULT_SEED,
+    ) -> LinearBase:
+        """Combinations of errors that the measurements show, in closed form and certified.
+
+        Parameters
+        ----------
+        frames : mapping of str to array of shape (4, 4), optional
+            Nominal places of tools on their bodies and of outer frames, near which the set holds.  By default tools
+            are at the frames of their bodies, and surfaces where random positions touch them.
+        pose : array of shape (n,), optional
+            Positions at which all surfaces are touched.
+        seed : int
+
+        Returns
+        -------
+        LinearBase
+        """
+        return base_parameters(self.linear(frames or {}, pose, seed), seed=seed)
+
+    def linear(
+        self, frames: Mapping[str, Floats], pose: Floats | None, seed: int = DEFAULT_SEED
+    ) -> LinearModel:
+        """The rows as a linear model in the errors, at the nominal geometry."""
+        program, rows = Program(), list[Scalar]()
+        closed = [sight for sight in self.sights if sight.constrains]
+        free = [sight for sight in self.sights if not sight.constrains]
+        loops = [sight for sight in closed if sight.closure is not None]
+        groups = [[*free, *loops]] if free or loops else []
+        groups += [[sight] for sight in closed if sight.closure is None]
+        mechanism = in_numbers(self.mechanism) if closed else self.mechanism
+        found: list[Mechanism] = []
+        recorders: list[ErredRecorder] = []
+        for count, sights in enumerate(groups):
+            copy = copied(mechanism, f" ({count})" if count else "")
+            recorder = ErredRecorder(copy, program, self.kinds)
+            recorder.errors = recorders[0].errors if recorders else recorder.errors
+            places = {name: _rounded(frame) for name, frame in frames.items()}
+            if sights[0].constrains and sights[0].closure is None:
+                copy, places = touching(copy, sights[0], places, pose, seed)
+            seen = SightRecorder(
+                recorder, sights, lambda name: _step(recorder, places.get(name)), rational=True  # noqa: B023
+            )
+            for sight, frame in seen.relative():
+                rows += seen.rows(sight, frame)
+            found.append(copy)
+            recorders.append(recorder)
+        errors = recorders[0].errors
+        inputs = [program.input(name).node for name in errors]
+        nodes = [row.node for row in rows]
+        slopes = derivatives(program, nodes, inputs, reverse=len(nodes) < len(inputs))
+        nothing = Polynomial({})
+        put_in = dict.fromkeys(errors, nothing)
+        values = stated_values(mechanism)
+        awkward = {n for n, v in values.numbers.items() if isinstance(v, Surd)}
+        awkward |= {*values.angles, *values.sums, *values.of_pi}
+        put_in |= values.put_in(awkward)
+        copy_program, kept = with_values(program, list(slopes.values()), put_in)
+        table = [[copy_program.zero] * len(inputs) for _ in rows]
+        for (row, column), node in zip(slopes, kept, strict=True):
+            table[row][column] = Scalar(copy_program, node)
+        constants = {
+            i.name: _rational(values.numbers.get(i.name))
+            for i in copy_program.inputs.values()
+            if i.role == "symbol"
+        }
+        model = LinearModel.recorded(
+            copy_program,
+            [row for row in table if not all(entry.is_zero for entry in row)],
+            {error.name: error.unit for error in errors.values()},
+            constants,
+            f"geometry of {self.mechanism.name}",
+        )
+        if not closed:
+            return model
+        whole = merged(found)
+        found_loops = loops_of(whole, Recorder(whole, copy_program))
+        loops = PoseLoops(whole, found_loops.equations, None)
+        model.regressor = replace(model.regressor, loops=loops)
+        return model
+
+
+class PoseLoops(Loops):
+    """Closed states of rows that depend on positions only, so that each pose is worth one motion."""
+
+    @property
+    def motions(self) -> int:
+        """One."""
+        return 1
+
+
+def _rational(value: object) -> int | Fraction | None:
+    return value if isinstance(value, int | Fraction) else None
+
+
+def geometry_symbols(program: Program, others: Collection[int]) -> list[str]:
+    """Names of a program's inputs that are symbols of the geometry."""
+    return [
+        i.name
+        for node, i in program.inputs.items()
+        if i.role == "symbol" and node not in others
+    ]
+
+
+def _step(recorder: Recorder, placement: Placement | None) -> RecordedStep | None:
+    return None if placement is None else recorder.placement(placement)
+
+
+def _rounded(frame: Floats, decimals: int = ROUNDED) -> Placement:
+    """A frame in doubles as an exact one."""
+    x, y, z = (as_polynomial(Fraction(f"{v:.{decimals}f}")) for v in frame[:3, 3])
+    quaternion = rotation_quaternion(frame[:3, :3]).tolist()
+    return shift(x, y, z) @ rational_rotation(quaternion, 0.1**decimals)
+
+
+# -- copies of a robot -----------------------------------------------------------------------------------------------
+
+
+def copied(mechanism: Mechanism, ending: str) -> Mechanism:
+    """The robot under other names, which moves independently of the first."""
+    if not ending:
+        return mechanism
+
+    def step(part: Placement | Motion) -> Placement | Motion:
+        return replace(part, name=part.name + ending) if isinstance(part, Motion) else part
+
+    def body(one: Body) -> Body:
+        steps = tuple(map(step, one.joint.steps))
+        joint = replace(one.joint, name=one.joint.name + ending, steps=steps)
+        return replace(one, name=one.name + ending, joint=joint)
+
+    couplings = tuple(
+        replace(
+            c,
+            coordinate=c.coordinate + ending,
+            terms=tuple((name + ending, f) for name, f in c.terms),
+        )
+        for c in mechanism.couplings
+    )
+    return Mechanism(
+        mechanism.name,
+        tuple(map(body, mechanism.bodies)),
+        mechanism.gravity,
+        couplings,
+        mechanism.symbols,
+        closures=tuple(replace(c, name=c.name + ending) for c in mechanism.closures),
+        independent=tuple(name + ending for name in mechanism.independent),
+        assembly={name + ending: at for name, at in mechanism.assembly.items()},
+    )
+
+
+def merged(mechanisms: Sequence[Mechanism]) -> Mechanism:
+    """Several robots as one."""
+    bodies: list[Body] = []
+    closures: list[Closure] = []
+    for one in mechanisms:
+        first = len(bodies)
+
+        def moved(index: int, first: int = first) -> int:
+            return index if index == GROUND else index + first
+
+        bodies += [replace(body, parent=moved(body.parent)) for body in one.bodies]
+        closures += [
+            replace(c, first=moved(c.first), second=moved(c.second))
+            for c in one.closures
+        ]
+    labelled = [replace(b, label=str(k), inertial=None) for k, b in enumerate(bodies, 1)]
+    return Mechanism(
+        mechanisms[0].name,
+        tuple(labelled),
+        None,
+        tuple(c for one in mechanisms for c in one.couplings),
+        mechanisms[0].symbols,
+        closures=tuple(closures),
+        assembly={k: v for one in mechanisms for k, v in one.assembly.items()},
+    )
+
+
+def touching(
+    mechanism: Mechanism,
+    sight: Sight,
+    places: Mapping[str, Placement],
+    pose: Floats | None,
+    seed: int,
+) -> tuple[Mechanism, dict[str, Placement]]:
+    """A copy of the robot that stays on what a sight touches, and where tool and outer frame are then."""
+    from echelon.dynamics import Kinematics
+
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(-1, 1, len(mechanism.positions)) if pose is None else pose
+    at = np.round(at, ROUNDED)
+    x, y, z = (as_polynomial(Fraction(str(v))) for v in sight.point)
+    tool = places.get(sight.tool, Placement()) @ Placement(IDENTITY, (x, y, z))
+    frames = Kinematics(mechanism).frames(at[None])[0]
+    whole = {GROUND: np.eye(4)} | {
+        k: np.vstack([frame, [0, 0, 0, 1]]) for k, frame in enumerate(frames)
+    }
+    from echelon.robot import placement_matrix
+
+    seen = np.linalg.solve(whole[sight.on], whole[sight.body] @ placement_matrix(tool, {}))
+    if sight.kind == "plane":
+        seen[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        seen[:3, :3] *= np.linalg.det(seen[:3, :3])
+    else:
+        seen[:3, :3] = np.eye(3)
+    given = places.get(sight.frame)
+    radius = USUAL_RADIUS if sight.radius is None else sight.radius
+    bar = np.zeros(3)
+    if sight.kind in ("sphere", "distance"):
+        direction = rng.normal(size=3)
+        if given is not None:
+            direction = seen[:3, 3] - placement_matrix(given, {})[:3, 3]
+        bar = radius * direction / np.linalg.norm(direction)
+        seen[:3, 3] -= bar
+    elif given is not None:
+        seen[:3, :3] = placement_matrix(given, {})[:3, :3]
+    outer = _rounded(seen, ASSEMBLED)
+    assembly = dict(mechanism.assembly) | dict(zip(mechanism.positions, at.tolist(), strict=True))
+    bodies, closures = list(mechanism.bodies), list(mechanism.closures)
+    name = f"touch {sight.name}"
+    if sight.kind in ("sphere", "distance"):
+        far = _rounded(np.block([[np.eye(3), bar[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), ASSEMBLED)
+        motion = ball(f"bar of {sight.name}")
+        joint = Joint(f"bar of {sight.name}", "spherical", (outer, motion))
+        label = f"bar_{symbol_stem(sight.name)}"
+        bodies.append(Body(f"bar of {sight.name}", label, sight.on, joint, ()))
+        closures.append(Closure(name, ClosureKind.SPHERICAL, len(bodies) - 1, sight.body, far, tool))
+    else:
+        kind = ClosureKind.POINT_ON_PLANE if sight.kind == "plane" else ClosureKind.SPHERICAL
+        closures.append(Closure(name, kind, sight.on, sight.body, outer, tool))
+    closed = replace(
+        mechanism, bodies=tuple(bodies), closures=tuple(closures), assembly=assembly, independent=()
+    )
+    if not mechanism.positions:
+        raise InputError("nothing moves", element=f"measure '{sight.name}'")
+    return closed, {**places, sight.frame: outer}
