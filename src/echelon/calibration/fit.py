@@ -1,0 +1,350 @@
+"""Values of the errors: Gauss–Newton steps with exact derivatives, and what they leave of the measurements.
+
+Errors move within the combinations that measurements show, z = B e, and e = S Bᵀ (B S Bᵀ)⁻¹ z is the smallest change of
+the geometry that explains them, where S holds usual variances of errors.  These are a weak prior of z as well: what a
+log hardly shows stays near the nominal geometry, and frames that nobody knows have none.  Robust fits find outliers;
+the values are those of a plain fit without them, so that intervals are those of least squares.
+
+Frames of tools and trackers may be turned by any angle.  They are found first, with the nominal geometry, from random
+rotations until the best fit was found several times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf, isfinite, sqrt
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from echelon.base import LinearBase
+from echelon.calibration.model import ErrorModel
+from echelon.calibration.sights import Sight
+from echelon.shared import Flags, Floats, InputError, one_thread, symbol_stem
+
+LOOSE = 10.0
+"""Standard deviation of frames that nobody knows, m and rad: more than any cell is wide."""
+FIRST_SHIFT, FIRST_TURN = 1e-3, 3e-3
+"""Noise from which its estimation begins, m and rad: 1 mm at a reach of 0.3 m."""
+SMALLEST_NOISE = 1e-9
+"""Noise at least, m or rad, so that exact data have finite weights."""
+STARTS, AGREEING = 60, 3
+"""Random rotations of unknown frames at most, and how often the best fit must be found."""
+SAME_COST = 1e-3
+"""Relative difference of fits that count as one."""
+START_ROWS = 40
+"""Rows by which starts are compared."""
+ROUNDS = 4
+"""Estimates of the noise, each with the weights of the one before."""
+OUTLYING = 1e-3
+"""Probability that any of all rows would be taken for an outlier if noise were normal."""
+MOST_OUTLIERS = 0.2
+"""Share of rows beyond which they are the rule and no outliers."""
+NORMAL_MAD = 1.4826
+"""Standard deviations of normal noise in its median size."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What a log holds.
+
+    Attributes
+    ----------
+    source : str
+    q : array of shape (N, n)
+        Positions of the free coordinates.
+    values : tuple of arrays of shape (N, rows of the sight)
+        What each sight should see; zeros where a row vanishes.
+    present : array of shape (N, sights)
+        Which rows measure what.
+    rows : array of shape (N,)
+        Numbers of the rows in their log, from 1.
+    """
+
+    source: str
+    q: Floats
+    values: tuple[Floats, ...]
+    present: Flags
+    rows: Floats
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def part(self, chosen: Flags) -> Observed:
+        """Some rows."""
+        values = tuple(value[chosen] for value in self.values)
+        return replace(
+            self,
+            q=self.q[chosen],
+            values=values,
+            present=self.present[chosen],
+            rows=self.rows[chosen],
+        )
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Rows with one noise: positions or rotations of one measurement."""
+
+    name: str
+    unit: str
+    columns: slice  # among the rows of all sights
+    sight: int
+    per_row: int  # independent numbers in each row: 3 of the nine of a rotation
+    stated: float | None  # standard deviation that the set-up states
+
+
+@dataclass(frozen=True)
+class State:
+    """Frames, errors and noise."""
+
+    frames: Mapping[str, Floats]  # of tools and outer frames, shape (4, 4)
+    errors: Floats  # shape (p,)
+    noise: Floats  # standard deviation of each channel
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit."""
+
+    state: State
+    z: Floats  # shape (r,); combinations of errors
+    covariance: Floats  # shape (r, r)
+    outlying: Flags  # shape (N, sights)
+
+
+class Fit:
+    """Fits an error model to a log."""
+
+    def __init__(self, model: ErrorModel, data: Observed, seed: int) -> None:
+        self.model, self.data, self.seed = model, data, seed
+        usual = np.array([error.usual for error in model.errors])
+        self.unknown = ~np.isfinite(usual)
+        self.usual = np.where(self.unknown, LOOSE, usual)
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """Positions and rotations of each sight."""
+        return tuple(_channels(self.model))
+
+    # -- residuals ---------------------------------------------------------------------------------------------------
+
+    def residuals(self, state: State, data: Observed | None = None) -> Floats:
+        """What is seen less what should be, shape (N, rows); zero where nothing is measured."""
+        data = self.data if data is None else data
+        seen = self.model.seen(data.q, state.errors, state.frames)
+        left = seen - np.hstack(data.values)
+        for place, rows in zip(data.present.T, self.model.rows, strict=True):
+            left[~place, rows] = 0.0
+        return left
+
+    def scales(self, noise: Floats) -> Floats:
+        """Weight of each row: 1/σ, of the nine numbers of a rotation 1/(√2 σ)."""
+        found = np.zeros(self.model.rows[-1].stop)
+        for channel, sigma in zip(self.channels, noise, strict=True):
+            many = channel.columns.stop - channel.columns.start
+            found[channel.columns] = sqrt(channel.per_row / many) / sigma
+            if many == 9:
+                found[channel.columns] = 1 / (sqrt(2) * sigma)
+        return found
+
+    def sizes(self, left: Floats) -> Iterator[tuple[Channel, Floats]]:
+        """Size of what is left of each channel, m or rad, shape (N,)."""
+        for channel in self.channels:
+            size = np.linalg.norm(left[:, channel.columns], axis=1)
+            if channel.unit == "rad":
+                size = 2 * np.arcsin(np.clip(size / sqrt(8), 0, 1))
+            yield channel, size
+
+    def solve(
+        self, state: State, basis: Floats, prior: Floats, used: Flags, loss: str,
+        start: Floats | None = None, **options: object,
+    ) -> tuple[Floats, Floats]:
+        """Coordinates of the errors along some directions, and the Jacobian of all weighted rows there."""
+        scales = self.scales(state.noise)
+        weights = np.zeros((len(self.data), len(scales)))
+        for place, rows in zip(used.T, self.model.rows, strict=True):
+            weights[place, rows] = scales[rows]
+        keep = weights.ravel() > 0
+
+        def value(z: Floats) -> Floats:
+            at = replace(state, errors=state.errors + basis @ z)
+            left = self.residuals(at) * weights
+            return np.concatenate([left.ravel()[keep], prior @ z])
+
+        def slope(z: Floats) -> Floats:
+            errors = state.errors + basis @ z
+            found = self.model.slopes(self.data.q, errors, state.frames) @ basis
+            found = (found * weights[..., None]).reshape(-1, basis.shape[1])
+            return np.vstack([found[keep], prior])
+
+        start = np.zeros(basis.shape[1]) if start is None else start
+        found = least_squares(value, start, slope, loss=loss, x_scale="jac", **options)  # type: ignore[arg-type]
+        return found.x, found.jac
+
+    # -- frames that nobody knows ------------------------------------------------------------------------------------
+
+    def start(self) -> State:
+        """Frames of tools and trackers with the nominal geometry."""
+        few = np.linspace(0, len(self.data) - 1, min(len(self.data), START_ROWS))
+        chosen = np.zeros(len(self.data), dtype=bool)
+        chosen[few.astype(int)] = True
+        small = Fit(self.model, self.data.part(chosen), self.seed)
+        noise = self.first_noise()
+        rng = np.random.default_rng(self.seed)
+        best, lowest, often = None, inf, 0
+        for count in range(STARTS):
+            state = State(self._frames(rng if count else None), np.zeros(len(self.usual)), noise)
+            for _ in range(2):
+                state = small.framed(state, max_nfev=25)
+            cost = small.cost(state)
+            if cost < lowest * (1 - SAME_COST):
+                often = 0
+            if cost <= lowest * (1 + SAME_COST):
+                often += 1
+            if cost < lowest:
+                best, lowest = state, cost
+            if often >= AGREEING:
+                break
+        assert best is not None
+        return self.framed(best)
+
+    def first_noise(self) -> Floats:
+        """Noise from which its estimation begins."""
+        usual = {"m": FIRST_SHIFT, "rad": FIRST_TURN}
+        return np.array([c.stated or usual[c.unit] for c in self.channels])
+
+    def cost(self, state: State) -> float:
+        """Sum of squares of weighted rows."""
+        return float(((self.residuals(state) * self.scales(state.noise)) ** 2).sum())
+
+    def framed(self, state: State, loss: str = "soft_l1", **options: object) -> State:
+        """A state with frames nearer to the best ones, and no errors of them."""
+        columns = np.flatnonzero(self.unknown)
+        basis = np.eye(len(self.usual))[:, columns]
+        prior = np.eye(len(columns)) / LOOSE
+        z, _ = self.solve(state, basis, prior, self.data.present, loss, **options)
+        return self.absorbed(replace(state, errors=state.errors + basis @ z))
+
+    def absorbed(self, state: State) -> State:
+        """A state with the errors of unknown frames in the frames."""
+        values = {e.name: v for e, v in zip(self.model.errors, state.errors, strict=True)}
+        unknown = {
+            e.name for e, free in zip(self.model.errors, self.unknown, strict=True) if free
+        }
+        ends = [name for name in self.model.ends if any(
+            f"{part}_{symbol_stem(name)}" in unknown for part in ("px", "pz")
+        )]
+        frames = dict(state.frames)
+        for name in ends:
+            frames[name] = error_frame(values, f"_{symbol_stem(name)}") @ frames[name]
+        kept = [
+            0.0 if free and not e.name.startswith("radius") else v
+            for e, v, free in zip(self.model.errors, state.errors, self.unknown, strict=True)
+        ]
+        return replace(state, frames=frames, errors=np.array(kept))
+
+    def _frames(self, rng: np.random.Generator | None) -> dict[str, Floats]:
+        """Frames at their stated places, turned at random."""
+        found = dict[str, Floats]()
+        for sight in self.model.sights:
+            for name in (sight.tool, sight.frame):
+                turned = np.eye(4)
+                if rng is not None and sight.closure is None:
+                    turned[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+                found.setdefault(name, sight.place @ turned if name == sight.tool else turned)
+        return found
+
+    # -- all errors --------------------------------------------------------------------------------------------------
+
+    @one_thread()
+    def fitted(self, state: State, base: LinearBase, symbols: Mapping[str, float]) -> Fitted:
+        """Values of all combinations that measurements show."""
+        b = base.B_float(symbols)
+        spread = b * self.usual**2 @ b.T
+        lift = self.usual[:, None] ** 2 * b.T @ np.linalg.inv(spread)
+        prior = np.linalg.inv(np.linalg.cholesky(spread))
+        used = self.data.present
+        state = replace(state, noise=self.first_noise())
+        z = np.zeros(len(b))
+        loss = "soft_l1"
+        for count in range(2 * ROUNDS):
+            if count == ROUNDS:
+                used, loss = self.data.present & ~self.outlying(at), "linear"
+            z, jacobian = self.solve(state, lift, prior, used, loss, z)
+            at = replace(state, errors=state.errors + lift @ z)
+            state = replace(state, noise=self.noise(at, used, len(z), robust=loss != "linear"))
+            at = replace(at, noise=state.noise)
+        covariance = np.linalg.inv(jacobian.T @ jacobian)
+        return Fitted(at, z, covariance, self.data.present & ~used)
+
+    def noise(self, state: State, used: Flags, parameters: int, *, robust: bool) -> Floats:
+        """Standard deviation of each channel, by what is left."""
+        numbers = sum(int(used[:, c.sight].sum()) * c.per_row for c in self.channels)
+        if numbers <= parameters and any(c.stated is None for c in self.channels):
+            raise InputError(
+                f"{numbers} measured numbers do not tell {parameters} combinations of errors and their own noise: "
+                "measure more poses, or state deviation"
+            )
+        lost = sqrt(numbers / max(numbers - parameters, 1))
+        found: list[float] = []
+        for channel, size in self.sizes(self.residuals(state)):
+            left = size[used[:, channel.sight]] / sqrt(channel.per_row)
+            if robust:
+                typical = np.median(left) / sqrt(chi2.median(channel.per_row) / channel.per_row)
+            else:
+                typical = np.sqrt(np.mean(left**2))
+            found.append(channel.stated or max(typical * lost, SMALLEST_NOISE))
+        return np.array(found)
+
+    def outlying(self, state: State) -> Flags:
+        """Rows that normal noise does not explain, shape (N, sights)."""
+        left = (self.residuals(state) * self.scales(state.noise)) ** 2
+        found = np.zeros_like(self.data.present)
+        for k, rows in enumerate(self.model.rows):
+            many = sum(c.per_row for c in self.channels if c.sight == k)
+            present = self.data.present[:, k]
+            limit = chi2.isf(OUTLYING / max(present.sum(), 1), many)
+            far = present & (left[:, rows].sum(axis=1) > limit)
+            if far.sum() <= MOST_OUTLIERS * present.sum():
+                found[:, k] = far
+        return found
+
+
+def error_frame(values: Mapping[str, float], ending: str) -> Floats:
+    """A frame that is shifted and turned by the errors of some ending, shape (4, 4)."""
+    frame = np.eye(4)
+    frame[:3, 3] = [values.get(f"p{axis}{ending}", 0.0) for axis in "xyz"]
+    turns = [values.get(f"r{axis}{ending}", 0.0) for axis in "xyz"]
+    frame[:3, :3] = Rotation.from_euler("XYZ", turns).as_matrix()
+    return frame
+
+
+def _channels(model: ErrorModel) -> Iterator[Channel]:
+    for k, (sight, rows) in enumerate(zip(model.sights, model.rows, strict=True)):
+        shift, turn = _stated(sight)
+        if sight.kind == "pose":
+            middle = rows.start + 3
+            yield Channel(sight.name, "m", slice(rows.start, middle), k, 3, shift)
+            yield Channel(sight.name, "rad", slice(middle, rows.stop), k, 3, turn)
+        elif sight.closure is not None:
+            shifts, turns = len(sight.closure.kind.positions), rows.stop - rows.start
+            turns -= shifts
+            middle = rows.start + shifts
+            if shifts:
+                yield Channel(sight.name, "m", slice(rows.start, middle), k, shifts, None)
+            if turns:
+                yield Channel(sight.name, "rad", slice(middle, rows.stop), k, turns, None)
+        else:
+            yield Channel(sight.name, "m", rows, k, rows.stop - rows.start, shift)
+
+
+def _stated(sight: Sight) -> tuple[float | None, float | None]:
+    deviation = None if sight.entry is None else sight.entry.deviation
+    if isinstance(deviation, tuple):
+        return deviation
+    return deviation, None
