@@ -76,7 +76,7 @@ class ErredRecorder(Recorder):
     ) -> None:
         super().__init__(mechanism, program)
         self.kinds, self.errors = frozenset(kinds), dict[str, GeometryError]()
-        self._labels = _labels(mechanism)
+        self._labels = labels_of(mechanism)
 
     def steps(self, body: int) -> list[RecordedStep]:
         """Recorded steps from a body's parent to the body, with errors behind its motions."""
@@ -85,7 +85,7 @@ class ErredRecorder(Recorder):
         if "modified_dh" in self.kinds:
             for motion in joint.motions[:1]:
                 self._check_table(motion, body)
-                found += self.frame(f"{self._labels[motion.name]}a", ("px", "rx"))
+                found += self.frame(f"{self._labels[motion.name]}b", ("px", "rx"))
         for step in joint.steps:
             if isinstance(step, Motion):
                 found += [*self._motion(step), *self._behind(step, body)]
@@ -213,7 +213,7 @@ class ErredRecorder(Recorder):
         }
 
 
-def _labels(mechanism: Mechanism) -> dict[str, str]:
+def labels_of(mechanism: Mechanism) -> dict[str, str]:
     """Endings of errors' names by motion: the label of its body, and a number where the body has several motions."""
     found = dict[str, str]()
     for index, body in enumerate(mechanism.bodies):

@@ -22,14 +22,15 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from echelon.base import LinearBase
+from echelon.calibration.frames import error_frame
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import Sight
 from echelon.shared import Flags, Floats, InputError, one_thread, symbol_stem
 
 LOOSE = 10.0
 """Standard deviation of frames that nobody knows, m and rad: more than any cell is wide."""
-FIRST_SHIFT, FIRST_TURN = 1e-3, 3e-3
-"""Noise from which its estimation begins, m and rad: 1 mm at a reach of 0.3 m."""
+FIRST_SHIFT, FIRST_TURN = 1e-2, 3e-2
+"""Noise from which its estimation begins, m and rad: what a nominal geometry leaves."""
 SMALLEST_NOISE = 1e-9
 """Noise at least, m or rad, so that exact data have finite weights."""
 STARTS, AGREEING = 60, 3
@@ -40,6 +41,8 @@ START_ROWS = 40
 """Rows by which starts are compared."""
 ROUNDS = 4
 """Estimates of the noise, each with the weights of the one before."""
+GROSS = 8.0
+"""Size of a residual, beside the usual one, at which a row is left out; smaller ones are named and kept."""
 OUTLYING = 1e-3
 """Probability that any of all rows would be taken for an outlier if noise were normal."""
 MOST_OUTLIERS = 0.2
@@ -114,7 +117,10 @@ class Fitted:
     state: State
     z: Floats  # shape (r,); combinations of errors
     covariance: Floats  # shape (r, r)
+    spread: Floats  # shape (r, r); covariance before anything was measured
+    used: Flags  # shape (N, sights); rows of the fit
     outlying: Flags  # shape (N, sights)
+    left_out: Flags  # those of them that are no part of the fit
 
 
 class Fit:
@@ -161,8 +167,15 @@ class Fit:
             yield channel, size
 
     def solve(
-        self, state: State, basis: Floats, prior: Floats, used: Flags, loss: str,
-        start: Floats | None = None, **options: object,
+        self,
+        state: State,
+        basis: Floats,
+        prior: Floats,
+        used: Flags,
+        loss: str,
+        start: Floats | None = None,
+        columns: Sequence[int] | None = None,
+        **options: object,
     ) -> tuple[Floats, Floats]:
         """Coordinates of the errors along some directions, and the Jacobian of all weighted rows there."""
         scales = self.scales(state.noise)
@@ -178,7 +191,8 @@ class Fit:
 
         def slope(z: Floats) -> Floats:
             errors = state.errors + basis @ z
-            found = self.model.slopes(self.data.q, errors, state.frames) @ basis
+            found = self.model.slopes(self.data.q, errors, state.frames, columns)
+            found = found @ (basis if columns is None else basis[list(columns)])
             found = (found * weights[..., None]).reshape(-1, basis.shape[1])
             return np.vstack([found[keep], prior])
 
@@ -227,7 +241,9 @@ class Fit:
         columns = np.flatnonzero(self.unknown)
         basis = np.eye(len(self.usual))[:, columns]
         prior = np.eye(len(columns)) / LOOSE
-        z, _ = self.solve(state, basis, prior, self.data.present, loss, **options)
+        z, _ = self.solve(
+            state, basis, prior, self.data.present, loss, columns=columns.tolist(), **options
+        )
         return self.absorbed(replace(state, errors=state.errors + basis @ z))
 
     def absorbed(self, state: State) -> State:
@@ -270,17 +286,18 @@ class Fit:
         prior = np.linalg.inv(np.linalg.cholesky(spread))
         used = self.data.present
         state = replace(state, noise=self.first_noise())
-        z = np.zeros(len(b))
-        loss = "soft_l1"
+        z, named = np.zeros(len(b)), np.zeros_like(used)
+        loss, at = "soft_l1", state
         for count in range(2 * ROUNDS):
             if count == ROUNDS:
-                used, loss = self.data.present & ~self.outlying(at), "linear"
+                used, loss = self.data.present & ~self.outlying(at, GROSS), "linear"
+                named = self.outlying(at)
             z, jacobian = self.solve(state, lift, prior, used, loss, z)
             at = replace(state, errors=state.errors + lift @ z)
             state = replace(state, noise=self.noise(at, used, len(z), robust=loss != "linear"))
             at = replace(at, noise=state.noise)
         covariance = np.linalg.inv(jacobian.T @ jacobian)
-        return Fitted(at, z, covariance, self.data.present & ~used)
+        return Fitted(at, z, covariance, spread, used, named, self.data.present & ~used)
 
     def noise(self, state: State, used: Flags, parameters: int, *, robust: bool) -> Floats:
         """Standard deviation of each channel, by what is left."""
@@ -301,27 +318,19 @@ class Fit:
             found.append(channel.stated or max(typical * lost, SMALLEST_NOISE))
         return np.array(found)
 
-    def outlying(self, state: State) -> Flags:
-        """Rows that normal noise does not explain, shape (N, sights)."""
+    def outlying(self, state: State, least: float = 0.0) -> Flags:
+        """Rows that normal noise does not explain, and of some size beside the usual one, shape (N, sights)."""
         left = (self.residuals(state) * self.scales(state.noise)) ** 2
         found = np.zeros_like(self.data.present)
         for k, rows in enumerate(self.model.rows):
             many = sum(c.per_row for c in self.channels if c.sight == k)
             present = self.data.present[:, k]
             limit = chi2.isf(OUTLYING / max(present.sum(), 1), many)
+            limit = max(limit, least**2 * chi2.median(many))
             far = present & (left[:, rows].sum(axis=1) > limit)
             if far.sum() <= MOST_OUTLIERS * present.sum():
                 found[:, k] = far
         return found
-
-
-def error_frame(values: Mapping[str, float], ending: str) -> Floats:
-    """A frame that is shifted and turned by the errors of some ending, shape (4, 4)."""
-    frame = np.eye(4)
-    frame[:3, 3] = [values.get(f"p{axis}{ending}", 0.0) for axis in "xyz"]
-    turns = [values.get(f"r{axis}{ending}", 0.0) for axis in "xyz"]
-    frame[:3, :3] = Rotation.from_euler("XYZ", turns).as_matrix()
-    return frame
 
 
 def _channels(model: ErrorModel) -> Iterator[Channel]:

@@ -12,16 +12,17 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from echelon.algebra import (
     DEFAULT_SEED,
-    Argument,
-    Function,
+    FloatArithmetic,
     Polynomial,
     Program,
     Scalar,
+    Schedule,
     Surd,
     as_polynomial,
     derivatives,
@@ -29,9 +30,9 @@ from echelon.algebra import (
 )
 from echelon.base import LinearBase, base_parameters
 from echelon.calibration.errors import ErredRecorder, GeometryError
+from echelon.calibration.frames import as_placement
 from echelon.calibration.sights import USUAL_RADIUS, Sight, SightRecorder
-from echelon.compute import Kernel
-from echelon.dynamics import LinearModel, geometry_values
+from echelon.dynamics import Kinematics, LinearModel
 from echelon.loops import Loops, loops_of
 from echelon.robot import (
     GROUND,
@@ -47,10 +48,10 @@ from echelon.robot import (
     Recorder,
     ball,
     in_numbers,
-    rational_rotation,
-    rotation_quaternion,
+    placement_matrix,
     shift,
     stated_values,
+    symbol_values,
 )
 from echelon.shared import CalibrationErrors, Floats, InputError, symbol_stem
 
@@ -111,62 +112,76 @@ class ErrorModel:
         return tuple(map(slice, ends[:-1], ends[1:]))
 
     @cached_property
-    def _kernels(self) -> tuple[Kernel, Kernel]:
+    def _values(self) -> Schedule:
         recorder, recorded = self._recorded
-        program, mechanism = recorder.program, self.mechanism
-        values = [row.node for rows in recorded for row in rows]
-        inputs = [program.input(name).node for name in recorder.errors]
-        slopes = derivatives(program, values, inputs, reverse=len(values) < len(inputs))
-        frames = [
-            program.input(f"f[{name},{k}]", "symbol").node
-            for name in self.ends
-            for k in range(12)
-        ]
-        symbols = [
-            program.input(name, "symbol").node
-            for name in geometry_symbols(program, set(frames))
-        ]
+        return Schedule(recorder.program, [row.node for rows in recorded for row in rows])
 
-        def argument(name: str, nodes: Sequence[int], *, uniform: bool) -> Argument:
-            labels = tuple(program.inputs[node].name for node in nodes)
-            return Argument(name, tuple(nodes), labels, ("SI",) * len(nodes), uniform=uniform)
+    @cached_property
+    def _slopes(self) -> dict[tuple[int, ...], tuple[list[tuple[int, int]], Schedule]]:
+        return {}
 
-        states = [program.input(f"q[{name}]").node for name in mechanism.positions]
-        turned = [program.input(f"turned[{name}]").node for name in mechanism.positions]
-        arguments = (
-            argument("q", states, uniform=False),
-            argument("turned", turned, uniform=False),
-            argument("errors", inputs, uniform=True),
-            argument("frames", frames, uniform=True),
-            argument("symbols", symbols, uniform=True),
-        )
-        count, names = len(values), tuple(e.name for e in self.errors)
-        labels = tuple(map(str, range(count)))
-        value = {(k,): node for k, node in enumerate(values)}
-        return (
-            Kernel(Function("seen", program, arguments, value, (labels,))),
-            Kernel(Function("slopes", program, arguments, slopes, (labels, names))),
-        )
+    def _derivatives(
+        self, columns: tuple[int, ...]
+    ) -> tuple[list[tuple[int, int]], Schedule]:
+        """Which entries depend on some errors, and their derivatives."""
+        if columns not in self._slopes:
+            recorder, recorded = self._recorded
+            program, names = recorder.program, list(recorder.errors)
+            values = [row.node for rows in recorded for row in rows]
+            inputs = [program.input(names[k]).node for k in columns]
+            backward = len(values) < len(inputs)
+            found = derivatives(program, values, inputs, reverse=backward)
+            self._slopes[columns] = list(found), Schedule(program, list(found.values()))
+        return self._slopes[columns]
 
-    def _given(self, q: Floats, errors: Floats, frames: Mapping[str, Floats]) -> dict[str, Floats]:
-        kernel = self._kernels[0]
-        placed = [frames[name][:3, :4].ravel() for name in self.ends]
-        symbols = geometry_values(self.mechanism, kernel.function.arguments[-1:])
-        return {
-            "q": q,
-            "turned": q,
-            "errors": errors,
-            "frames": np.concatenate(placed),
-            **symbols,
+    @cached_property
+    def _symbols(self) -> dict[str, float]:
+        inputs = self._recorded[0].program.inputs.values()
+        names = [i.name for i in inputs if i.role == "symbol" and "[" not in i.name]
+        return symbol_values(self.mechanism, names)
+
+    def _run(
+        self,
+        schedule: Schedule,
+        q: Floats,
+        errors: Floats,
+        frames: Mapping[str, Floats],
+    ) -> list[Floats]:
+        """Values of a schedule at positions (N, n), each of shape (N,)."""
+        program = self._recorded[0].program
+        known: dict[str, Any] = dict(self._symbols)
+        for name, column in zip(self.mechanism.positions, q.T, strict=True):
+            known |= {f"q[{name}]": column, f"turned[{name}]": column}
+        for error, value in zip(self._recorded[0].errors, errors, strict=True):
+            known[error] = value
+        for name in self.ends:
+            entries = frames[name][:3].ravel()
+            known |= {f"f[{name},{k}]": entry for k, entry in enumerate(entries)}
+        leaves = {
+            node: np.broadcast_to(np.asarray(known[program.inputs[node].name]), len(q))
+            for node in schedule.leaves
         }
+        return list(schedule.run(FloatArithmetic(), leaves, len(q)))
 
     def seen(self, q: Floats, errors: Floats, frames: Mapping[str, Floats]) -> Floats:
         """Rows of all sights, shape (N, rows), at positions (N, n) and errors (p,)."""
-        return self._kernels[0](self._given(q, errors, frames))
+        return np.stack(self._run(self._values, q, errors, frames), axis=1)
 
-    def slopes(self, q: Floats, errors: Floats, frames: Mapping[str, Floats]) -> Floats:
-        """Derivatives of the rows by the errors, shape (N, rows, p)."""
-        return self._kernels[1](self._given(q, errors, frames))
+    def slopes(
+        self,
+        q: Floats,
+        errors: Floats,
+        frames: Mapping[str, Floats],
+        columns: Sequence[int] | None = None,
+    ) -> Floats:
+        """Derivatives of the rows by the errors, or by some of them, shape (N, rows, errors)."""
+        chosen = tuple(range(len(self.errors)) if columns is None else columns)
+        entries, schedule = self._derivatives(chosen)
+        found = np.zeros((len(q), self.rows[-1].stop, len(chosen)))
+        values = self._run(schedule, q, errors, frames)
+        for (row, column), value in zip(entries, values, strict=True):
+            found[:, row, column] = value
+        return found
 
     # -- exactly -----------------------------------------------------------------------------------------------------
 
@@ -210,7 +225,7 @@ class ErrorModel:
             copy = copied(mechanism, f" ({count})" if count else "")
             recorder = ErredRecorder(copy, program, self.kinds)
             recorder.errors = recorders[0].errors if recorders else recorder.errors
-            places = {name: _rounded(frame) for name, frame in frames.items()}
+            places = {name: as_placement(frame, ROUNDED) for name, frame in frames.items()}
             if sights[0].constrains and sights[0].closure is None:
                 copy, places = touching(copy, sights[0], places, pose, seed)
             seen = SightRecorder(
@@ -268,24 +283,8 @@ def _rational(value: object) -> int | Fraction | None:
     return value if isinstance(value, int | Fraction) else None
 
 
-def geometry_symbols(program: Program, others: Collection[int]) -> list[str]:
-    """Names of a program's inputs that are symbols of the geometry."""
-    return [
-        i.name
-        for node, i in program.inputs.items()
-        if i.role == "symbol" and node not in others
-    ]
-
-
 def _step(recorder: Recorder, placement: Placement | None) -> RecordedStep | None:
     return None if placement is None else recorder.placement(placement)
-
-
-def _rounded(frame: Floats, decimals: int = ROUNDED) -> Placement:
-    """A frame in doubles as an exact one."""
-    x, y, z = (as_polynomial(Fraction(f"{v:.{decimals}f}")) for v in frame[:3, 3])
-    quaternion = rotation_quaternion(frame[:3, :3]).tolist()
-    return shift(x, y, z) @ rational_rotation(quaternion, 0.1**decimals)
 
 
 # -- copies of a robot -----------------------------------------------------------------------------------------------
@@ -359,8 +358,6 @@ def touching(
     seed: int,
 ) -> tuple[Mechanism, dict[str, Placement]]:
     """A copy of the robot that stays on what a sight touches, and where tool and outer frame are then."""
-    from echelon.dynamics import Kinematics
-
     rng = np.random.default_rng(seed)
     at = rng.uniform(-1, 1, len(mechanism.positions)) if pose is None else pose
     at = np.round(at, ROUNDED)
@@ -370,8 +367,6 @@ def touching(
     whole = {GROUND: np.eye(4)} | {
         k: np.vstack([frame, [0, 0, 0, 1]]) for k, frame in enumerate(frames)
     }
-    from echelon.robot import placement_matrix
-
     seen = np.linalg.solve(whole[sight.on], whole[sight.body] @ placement_matrix(tool, {}))
     if sight.kind == "plane":
         seen[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -389,12 +384,12 @@ def touching(
         seen[:3, 3] -= bar
     elif given is not None:
         seen[:3, :3] = placement_matrix(given, {})[:3, :3]
-    outer = _rounded(seen, ASSEMBLED)
+    outer = as_placement(seen, ASSEMBLED)
     assembly = dict(mechanism.assembly) | dict(zip(mechanism.positions, at.tolist(), strict=True))
     bodies, closures = list(mechanism.bodies), list(mechanism.closures)
     name = f"touch {sight.name}"
     if sight.kind in ("sphere", "distance"):
-        far = _rounded(np.block([[np.eye(3), bar[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), ASSEMBLED)
+        far = as_placement(np.block([[np.eye(3), bar[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), ASSEMBLED)
         motion = ball(f"bar of {sight.name}")
         joint = Joint(f"bar of {sight.name}", "spherical", (outer, motion))
         label = f"bar_{symbol_stem(sight.name)}"

@@ -46,7 +46,11 @@ from echelon.formats.usual_effects import floating_velocities as floating_veloci
 from echelon.formats.usual_effects import slides as slides
 from echelon.formats.usual_effects import with_rotors as with_rotors
 from echelon.formats.usual_effects import with_usual_effects as with_usual_effects
+from echelon.formats.writers.calibrated_writer import (
+    calibrated_robot as calibrated_robot,
+)
 from echelon.formats.writers.description_writer import (
     write_description as write_description,
 )
 from echelon.formats.writers.robot_writer import identified_robot as identified_robot
+from echelon.formats.writers.robot_writer import WrittenRobot as WrittenRobot
