@@ -29,6 +29,10 @@ from echelon.base.special import SpecialGeometry as SpecialGeometry
 from echelon.base.special import special_geometry as special_geometry
 from echelon.base.structure import Structure as Structure
 from echelon.base.symbolic import SymbolicRegressor as SymbolicRegressor
+from echelon.calibration.calibrating import Calibration as Calibration
+from echelon.calibration.calibrating import CalibrationScore as CalibrationScore
+from echelon.calibration.calibrating import calibrate as calibrate
+from echelon.calibration.calibrating import calibration_base as calibration_base
 from echelon.codegen.source import generate as generate
 from echelon.compute.observe.observation import NormalEquations as NormalEquations
 from echelon.compute.observe.observation import Observation as Observation
@@ -59,6 +63,7 @@ from echelon.identification.servos.servo_fit import ServoFit as ServoFit
 from echelon.identification.servos.servo_fit import fit_servos as fit_servos
 from echelon.identification.setup.setup import Setup as Setup
 from echelon.identification.setup.setup import load_setup as load_setup
+from echelon.report.calibration import calibration_html as calibration_html
 from echelon.report.preview import preview_html as preview_html
 from echelon.report.report import report_html as report_html
 from echelon.robot.inertia import convert as convert

@@ -8,10 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from echelon.algebra import DEFAULT_SEED
-from echelon.base import LinearBase
+from echelon.base import Identifiability, LinearBase, base_parameters
 from echelon.calibration.applied import Applied, applied
 from echelon.calibration.fit import Fit, Fitted, Observed, State
 from echelon.calibration.log import observed
@@ -25,9 +24,13 @@ from echelon.shared import (
     Flags,
     Floats,
     InputError,
+    extra,
     public,
     symbol_stem,
 )
+
+with extra("identify"):
+    from scipy.stats import t as student
 
 UNSEEN = 0.5
 """Share of the usual deviation of a combination that is left when the log says nothing of it."""
@@ -83,6 +86,8 @@ class Calibration:
         Combinations that the log does not show, by their representatives: they keep their nominal values.
     errors : mapping of str to float
         The smallest errors of the geometry that explain the values.
+    redundant : tuple of str
+        Measurements without which the others show as much of the robot.
     scores : tuple of CalibrationScore
         What is left in held-out rows.
     outliers : tuple of str
@@ -104,6 +109,7 @@ class Calibration:
     deviations: Floats
     intervals: Floats
     hidden: tuple[str, ...]
+    redundant: tuple[str, ...]
     errors: Mapping[str, float]
     scores: tuple[CalibrationScore, ...]
     outliers: tuple[str, ...]
@@ -113,6 +119,12 @@ class Calibration:
     robot: Applied
     residuals: Mapping[str, tuple[Floats, Floats]]
     file: RobotFile | None = field(default=None, repr=False)
+
+    @property
+    def unidentifiable(self) -> tuple[str, ...]:
+        """Errors that no such measurement shows, whatever the poses."""
+        kinds = self.base.classification.items()
+        return tuple(name for name, kind in kinds if kind is Identifiability.UNIDENTIFIABLE)
 
     @cached_property
     def written(self) -> WrittenRobot:
@@ -244,6 +256,31 @@ def calibration_base(
     return error_model(setup_of(robot), measure, errors).base(seed=seed)
 
 
+def redundant_sights(
+    model: ErrorModel, base: LinearBase, frames: Mapping[str, Floats]
+) -> tuple[str, ...]:
+    """Measurements that show no more of the robot than the others, beside their own frames.
+
+    Surfaces and loops take seconds each and are not compared.
+    """
+    found: list[str] = []
+    sights = model.sights
+    if len(sights) < 2 or any(sight.constrains for sight in sights):
+        return ()
+    for sight in sights:
+        others = tuple(other for other in sights if other is not sight)
+        less = ErrorModel(model.mechanism, others, model.kinds)
+        kept = {error.name for error in less.errors}
+        own = [e.name for e in model.errors if e.name not in kept]
+        rank = less.base(frames).rank
+        if own:
+            first = base_parameters(base.model, prefer=own)
+            rank += len(set(first.pivots) & set(own))
+        if rank == base.rank:
+            found.append(sight.name)
+    return tuple(found)
+
+
 def unit_values(model: ErrorModel) -> dict[str, float]:
     """Values of the units of angles, which coefficients may hold."""
     units = stated_values(model.mechanism).units.values()
@@ -316,6 +353,7 @@ def _result(
         deviations,
         np.column_stack([found.z - half, found.z + half]),
         tuple(hidden),
+        redundant_sights(model, base, nominal.frames),
         kept,
         tuple(scores),
         _outliers(model, data, found.outlying),

@@ -17,15 +17,16 @@ from functools import cached_property
 from math import inf, isfinite, sqrt
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
-
 from echelon.base import LinearBase
 from echelon.calibration.frames import error_frame
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import Sight
-from echelon.shared import Flags, Floats, InputError, one_thread, symbol_stem
+from echelon.shared import Flags, Floats, InputError, extra, one_thread, symbol_stem
+
+with extra("identify"):
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
+    from scipy.stats import chi2
 
 LOOSE = 10.0
 """Standard deviation of frames that nobody knows, m and rad: more than any cell is wide."""

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from fractions import Fraction
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from echelon.algebra import as_polynomial
 from echelon.robot import Placement, rational_rotation, rotation_quaternion, shift
-from echelon.shared import Floats
+from echelon.shared import Floats, extra
+
+with extra("identify"):
+    from scipy.spatial.transform import Rotation
 
 DECIMALS = 12
 """Decimals of calibrated frames, m and rad: far below what any measurement shows."""

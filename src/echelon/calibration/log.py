@@ -11,14 +11,16 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from echelon.calibration.fit import Observed
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import Sight
 from echelon.identification import Setup, Table, factor, logged_positions, read_table
 from echelon.robot import GROUND
-from echelon.shared import Floats, InputError, locating, nearest_of
+from echelon.shared import Floats, InputError, extra, locating, nearest_of
+
+with extra("identify"):
+    from scipy.spatial.transform import Rotation
 
 _SHIFT = ("x", "y", "z")
 _MATRIX = tuple(f"r{i}{j}" for i in "123" for j in "123")

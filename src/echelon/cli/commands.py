@@ -386,7 +386,14 @@ def predict(
 VALID, REFUTED = 0, 1
 
 
-Schema = Literal["description", "base-model", "linear-base", "identified", "trajectory"]
+Schema = Literal[
+    "description",
+    "base-model",
+    "linear-base",
+    "identified",
+    "trajectory",
+    "calibration",
+]
 
 
 @app.command(epilog="Example: echelon verify panda.json")
@@ -487,6 +494,10 @@ def schema(
         from echelon.excite import trajectory_schema
 
         found = trajectory_schema()
+    elif which == "calibration":
+        from echelon.calibration import calibration_schema
+
+        found = calibration_schema()
     else:
         records: dict[str, Any] = {
             "base-model": BaseModelRecord,
@@ -497,7 +508,7 @@ def schema(
     show(json.dumps(found, indent=2))
 
 
-from echelon.cli import excite_commands, generate  # noqa: E402, F401  their commands follow in the help
+from echelon.cli import calibrate, excite_commands, generate  # noqa: E402, F401  their commands follow in the help
 
 
 def run() -> None:
