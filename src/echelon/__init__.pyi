@@ -33,6 +33,8 @@ from echelon.calibration.calibrating import Calibration as Calibration
 from echelon.calibration.calibrating import CalibrationScore as CalibrationScore
 from echelon.calibration.calibrating import calibrate as calibrate
 from echelon.calibration.calibrating import calibration_base as calibration_base
+from echelon.calibration.poses import CalibrationPoses as CalibrationPoses
+from echelon.calibration.poses import calibration_poses as calibration_poses
 from echelon.codegen.source import generate as generate
 from echelon.compute.observe.observation import NormalEquations as NormalEquations
 from echelon.compute.observe.observation import Observation as Observation

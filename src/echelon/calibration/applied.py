@@ -74,7 +74,7 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
         ends = ((closure.first, "first"), (closure.second, "second"))
         for (index, end), placement in zip(ends, closure.placements, strict=True):
             name = "" if index == GROUND else mechanism.bodies[index].name
-            ending = f"_{symbol_stem(f'{closure.name}_{end}')}"
+            ending = symbol_stem(f'{closure.name}_{end}')
             moved = [as_placement(moves[name])] if name in moves else []
             whole = Placement()
             for part in (*moved, placement, *_changed(error_frame(values, ending))):

@@ -264,11 +264,11 @@ def redundant_sights(
     Surfaces and loops take seconds each and are not compared.
     """
     found: list[str] = []
-    sights = model.sights
-    if len(sights) < 2 or any(sight.constrains for sight in sights):
+    entries = {sight.name.partition(".")[0]: sight.entry for sight in model.sights}
+    if len(entries) < 2 or any(sight.constrains for sight in model.sights):
         return ()
-    for sight in sights:
-        others = tuple(other for other in sights if other is not sight)
+    for name, entry in entries.items():
+        others = tuple(sight for sight in model.sights if sight.entry is not entry)
         less = ErrorModel(model.mechanism, others, model.kinds)
         kept = {error.name for error in less.errors}
         own = [e.name for e in model.errors if e.name not in kept]
@@ -277,7 +277,7 @@ def redundant_sights(
             first = base_parameters(base.model, prefer=own)
             rank += len(set(first.pivots) & set(own))
         if rank == base.rank:
-            found.append(sight.name)
+            found.append(name)
     return tuple(found)
 
 
@@ -335,7 +335,7 @@ def _result(
     kept = {
         name: value
         for name, value in errors.items()
-        if not any(name.endswith(f"_{symbol_stem(end)}") for end in ends)
+        if not any(name[2:] == symbol_stem(end) for end in ends)
     }
     sizes = zip(
         fit.sizes(fit.residuals(nominal)), fit.sizes(fit.residuals(found.state)), strict=True

@@ -133,6 +133,13 @@ class Fit:
         self.unknown = ~np.isfinite(usual)
         self.usual = np.where(self.unknown, LOOSE, usual)
 
+    @classmethod
+    def without_data(cls, model: ErrorModel, seed: int) -> Fit:
+        """A fit to nothing, for designs."""
+        count, rows = len(model.mechanism.positions), len(model.sights)
+        nothing = Observed("", np.zeros((0, count)), (), np.zeros((0, rows), bool), np.zeros(0))
+        return cls(model, nothing, seed)
+
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
         """Positions and rotations of each sight."""
@@ -213,7 +220,7 @@ class Fit:
         rng = np.random.default_rng(self.seed)
         best, lowest, often = None, inf, 0
         for count in range(STARTS):
-            state = State(self._frames(rng if count else None), np.zeros(len(self.usual)), noise)
+            state = replace(self.nominal(rng if count else None), noise=noise)
             for _ in range(2):
                 state = small.framed(state, max_nfev=25)
             cost = small.cost(state)
@@ -227,6 +234,10 @@ class Fit:
                 break
         assert best is not None
         return self.framed(best)
+
+    def nominal(self, rng: np.random.Generator | None = None) -> State:
+        """No errors, and frames where the description has them, or turned at random."""
+        return State(self._frames(rng), np.zeros(len(self.usual)), self.first_noise())
 
     def first_noise(self) -> Floats:
         """Noise from which its estimation begins."""
@@ -254,11 +265,11 @@ class Fit:
             e.name for e, free in zip(self.model.errors, self.unknown, strict=True) if free
         }
         ends = [name for name in self.model.ends if any(
-            f"{part}_{symbol_stem(name)}" in unknown for part in ("px", "pz")
+            f"{part}{symbol_stem(name)}" in unknown for part in ("px", "pz")
         )]
         frames = dict(state.frames)
         for name in ends:
-            frames[name] = error_frame(values, f"_{symbol_stem(name)}") @ frames[name]
+            frames[name] = error_frame(values, symbol_stem(name)) @ frames[name]
         kept = [
             0.0 if free and not e.name.startswith("radius") else v
             for e, v, free in zip(self.model.errors, state.errors, self.unknown, strict=True)
@@ -273,7 +284,8 @@ class Fit:
                 turned = np.eye(4)
                 if rng is not None and sight.closure is None:
                     turned[:3, :3] = Rotation.random(random_state=rng).as_matrix()
-                found.setdefault(name, sight.place @ turned if name == sight.tool else turned)
+                at = sight.place @ turned if name == sight.tool else turned
+                found.setdefault(name, at)
         return found
 
     # -- all errors --------------------------------------------------------------------------------------------------
@@ -282,9 +294,7 @@ class Fit:
     def fitted(self, state: State, base: LinearBase, symbols: Mapping[str, float]) -> Fitted:
         """Values of all combinations that measurements show."""
         b = base.B_float(symbols)
-        spread = b * self.usual**2 @ b.T
-        lift = self.usual[:, None] ** 2 * b.T @ np.linalg.inv(spread)
-        prior = np.linalg.inv(np.linalg.cholesky(spread))
+        spread, lift, prior = lift_of(b, self.usual)
         used = self.data.present
         state = replace(state, noise=self.first_noise())
         z, named = np.zeros(len(b)), np.zeros_like(used)
@@ -332,6 +342,13 @@ class Fit:
             if far.sum() <= MOST_OUTLIERS * present.sum():
                 found[:, k] = far
         return found
+
+
+def lift_of(b: Floats, usual: Floats) -> tuple[Floats, Floats, Floats]:
+    """Covariance of combinations before anything is measured, their smallest errors, and a root of the information."""
+    spread = b * usual**2 @ b.T
+    lift = usual[:, None] ** 2 * b.T @ np.linalg.inv(spread)
+    return spread, lift, np.linalg.inv(np.linalg.cholesky(spread))
 
 
 def _channels(model: ErrorModel) -> Iterator[Channel]:

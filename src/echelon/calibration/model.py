@@ -31,7 +31,7 @@ from echelon.algebra import (
 from echelon.base import LinearBase, base_parameters
 from echelon.calibration.errors import ErredRecorder, GeometryError
 from echelon.calibration.frames import as_placement
-from echelon.calibration.sights import USUAL_RADIUS, Sight, SightRecorder
+from echelon.calibration.sights import USUAL_RADIUS, Nominal, Sight, SightRecorder
 from echelon.dynamics import Kinematics, LinearModel
 from echelon.loops import Loops, loops_of
 from echelon.robot import (
@@ -228,9 +228,7 @@ class ErrorModel:
             places = {name: as_placement(frame, ROUNDED) for name, frame in frames.items()}
             if sights[0].constrains and sights[0].closure is None:
                 copy, places = touching(copy, sights[0], places, pose, seed)
-            seen = SightRecorder(
-                recorder, sights, lambda name: _step(recorder, places.get(name)), rational=True  # noqa: B023
-            )
+            seen = SightRecorder(recorder, sights, _nominal(recorder, places, {s.tool for s in sights if s.is_marker}), rational=True)
             for sight, frame in seen.relative():
                 rows += seen.rows(sight, frame)
             found.append(copy)
@@ -283,8 +281,21 @@ def _rational(value: object) -> int | Fraction | None:
     return value if isinstance(value, int | Fraction) else None
 
 
-def _step(recorder: Recorder, placement: Placement | None) -> RecordedStep | None:
-    return None if placement is None else recorder.placement(placement)
+def _nominal(
+    recorder: Recorder, places: Mapping[str, Placement], markers: Collection[str]
+) -> Nominal:
+    """Nominal places of ends: numbers, symbols for markers that may be anywhere, or the frames of their bodies."""
+
+    def step(name: str) -> RecordedStep | None:
+        if name in places:
+            return recorder.placement(places[name])
+        if name not in markers:
+            return None
+        stem = symbol_stem(name)
+        x, y, z = (recorder.program.input(f"{axis}{stem}", "symbol") for axis in "xyz")
+        return RecordedStep(None, (x, y, z))
+
+    return step
 
 
 # -- copies of a robot -----------------------------------------------------------------------------------------------

@@ -80,6 +80,11 @@ class Sight:
         return None if self.entry is None else self.entry.length
 
     @property
+    def is_marker(self) -> bool:
+        """Whether the tool is one point at an unknown place."""
+        return self.entry is not None and self.entry.points.get(self.tool, ()) is None
+
+    @property
     def measured(self) -> int:
         """Numbers that the log holds for each row."""
         fixed = self.kind == "distance" and self.radius is not None
@@ -216,7 +221,8 @@ class SightRecorder:
                 first, second = sight.closure.placements
                 tool = moved(tool, self.recorder.placement(second))
                 outer = moved(outer, self.recorder.placement(first))
-            tool_errors = self._errors(sight.tool, COMPONENTS, known=known)
+            parts = _SHIFTS if sight.is_marker else COMPONENTS
+            tool_errors = self._errors(sight.tool, parts, known=known)
             tool = reduce(moved, tool_errors, tool)
             outer = reduce(moved, outers[sight.frame], outer)
             x, y, z = (self.recorder.program.constant(exact_number(v)) for v in sight.point)
@@ -227,7 +233,7 @@ class SightRecorder:
         self, name: str, components: Sequence[str], *, known: bool
     ) -> list[RecordedStep]:
         """Steps to a tool or an outer frame: its errors, and its nominal place."""
-        steps = self.recorder.frame(f"_{symbol_stem(name)}", components, known=known)
+        steps = self.recorder.frame(symbol_stem(name), components, known=known)
         nominal = self.nominal(name)
         return steps if nominal is None else [*steps, nominal]
 
@@ -260,7 +266,7 @@ class SightRecorder:
         if sight.radius is not None:
             fixed = fixed + exact_number(sight.radius)
         elif not sight.measured:
-            fixed = self.recorder.error(f"radius_{symbol_stem(sight.name)}", "m", inf)
+            fixed = self.recorder.error(f"radius{symbol_stem(sight.name)}", "m", inf)
             fixed = fixed + exact_number(USUAL_RADIUS)
         return square - fixed * fixed if self.rational else square.sqrt() - fixed
 
