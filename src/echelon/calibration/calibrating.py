@@ -18,7 +18,7 @@ from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import sights_of
 from echelon.formats import MeasureEntry, RobotFile, WrittenRobot, calibrated_robot
 from echelon.identification import Setup, log_paths, setup_of
-from echelon.robot import stated_values
+from echelon.robot import Mechanism
 from echelon.shared import (
     CalibrationErrors,
     Flags,
@@ -30,7 +30,7 @@ from echelon.shared import (
 )
 
 with extra("identify"):
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
 UNSEEN = 0.5
 """Share of the usual deviation of a combination that is left when the log says nothing of it."""
@@ -163,7 +163,7 @@ def calibrate(
 
     Parameters
     ----------
-    robot : Setup, path-like, str or model
+    robot : Mechanism, Setup, path-like, str or model
         A robot, or a description whose section ``measure`` says what was measured.
     logs : path-like, table or several of them
         One row for each pose: positions of the joints, and what was measured.
@@ -192,7 +192,7 @@ def calibrate(
     (22, ())
     """
     say = on_step or (lambda _: None)
-    setup = setup_of(robot)
+    setup = setup_for(robot)
     model = error_model(setup, measure, errors)
     say("reading")
     data = observed(model, setup, log_paths(logs))
@@ -201,13 +201,21 @@ def calibrate(
     say("finding frames")
     nominal = Fit(model, fitting, seed).start()
     say("deriving what the measurements show")
-    symbols = unit_values(model)
     base = model.base(nominal.frames, _touching_pose(data, model), seed)
     say("fitting")
-    judged = Fit(model, fitting, seed).fitted(nominal, base, symbols)
+    judged = Fit(model, fitting, seed).fitted(nominal, base)
     whole = Fit(model, data, seed)
-    found = whole.fitted(whole.framed(nominal), base, symbols)
+    found = whole.fitted(whole.framed(nominal), base)
     return _result(setup, whole, base, nominal, judged, found, held)
+
+
+def setup_for(robot: Any) -> Setup:
+    """A set-up of a mechanism, or of whatever else stands for a robot."""
+    if not isinstance(robot, Mechanism):
+        return setup_of(robot)
+    file = None if robot.reading is None else robot.reading.file
+    stated = file.robot if isinstance(file, RobotFile) else None
+    return Setup(robot.name, robot, robot_file=stated)
 
 
 def error_model(
@@ -253,7 +261,7 @@ def calibration_base(
     >>> base.rank, len(base.parameters)
     (34, 54)
     """
-    return error_model(setup_of(robot), measure, errors).base(seed=seed)
+    return error_model(setup_for(robot), measure, errors).base(seed=seed)
 
 
 def redundant_sights(
@@ -279,12 +287,6 @@ def redundant_sights(
         if rank == base.rank:
             found.append(name)
     return tuple(found)
-
-
-def unit_values(model: ErrorModel) -> dict[str, float]:
-    """Values of the units of angles, which coefficients may hold."""
-    units = stated_values(model.mechanism).units.values()
-    return {unit.name: unit.value for unit in units if unit.value is not None}
 
 
 def _touching_pose(data: Observed, model: ErrorModel) -> Floats | None:
@@ -321,7 +323,7 @@ def _result(
     usual = np.sqrt(np.diag(found.spread))
     hidden = [p for p, d, u in zip(base.pivots, deviations, usual, strict=True) if d > UNSEEN * u]
     free = int(sum(found.used[:, c.sight].sum() * c.per_row for c in fit.channels)) - base.rank
-    half = student.ppf((1 + LEVEL) / 2, max(free, 1)) * deviations
+    half = stdtrit(max(free, 1), (1 + LEVEL) / 2) * deviations
     errors = dict(zip((e.name for e in model.errors), found.state.errors.tolist(), strict=True))
     robot = applied(model.mechanism, {k: v for k, v in errors.items()})
     state = fit.absorbed(found.state)

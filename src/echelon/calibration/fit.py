@@ -26,7 +26,7 @@ from echelon.shared import Flags, Floats, InputError, extra, one_thread, symbol_
 with extra("identify"):
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
 LOOSE = 10.0
 """Standard deviation of frames that nobody knows, m and rad: more than any cell is wide."""
@@ -48,8 +48,6 @@ OUTLYING = 1e-3
 """Probability that any of all rows would be taken for an outlier if noise were normal."""
 MOST_OUTLIERS = 0.2
 """Share of rows beyond which they are the rule and no outliers."""
-NORMAL_MAD = 1.4826
-"""Standard deviations of normal noise in its median size."""
 
 
 @dataclass(frozen=True)
@@ -291,9 +289,9 @@ class Fit:
     # -- all errors --------------------------------------------------------------------------------------------------
 
     @one_thread()
-    def fitted(self, state: State, base: LinearBase, symbols: Mapping[str, float]) -> Fitted:
+    def fitted(self, state: State, base: LinearBase) -> Fitted:
         """Values of all combinations that measurements show."""
-        b = base.B_float(symbols)
+        b = base.B_float()
         spread, lift, prior = lift_of(b, self.usual)
         used = self.data.present
         state = replace(state, noise=self.first_noise())
@@ -323,7 +321,7 @@ class Fit:
         for channel, size in self.sizes(self.residuals(state)):
             left = size[used[:, channel.sight]] / sqrt(channel.per_row)
             if robust:
-                typical = np.median(left) / sqrt(chi2.median(channel.per_row) / channel.per_row)
+                typical = np.median(left) / sqrt(chdtri(channel.per_row, 0.5) / channel.per_row)
             else:
                 typical = np.sqrt(np.mean(left**2))
             found.append(channel.stated or max(typical * lost, SMALLEST_NOISE))
@@ -336,8 +334,8 @@ class Fit:
         for k, rows in enumerate(self.model.rows):
             many = sum(c.per_row for c in self.channels if c.sight == k)
             present = self.data.present[:, k]
-            limit = chi2.isf(OUTLYING / max(present.sum(), 1), many)
-            limit = max(limit, least**2 * chi2.median(many))
+            limit = chdtri(many, OUTLYING / max(present.sum(), 1))
+            limit = max(limit, least**2 * chdtri(many, 0.5))
             far = present & (left[:, rows].sum(axis=1) > limit)
             if far.sum() <= MOST_OUTLIERS * present.sum():
                 found[:, k] = far

@@ -29,6 +29,7 @@ from echelon.algebra import (
     with_values,
 )
 from echelon.base import LinearBase, base_parameters
+from echelon.base import with_values as put_into
 from echelon.calibration.errors import ErredRecorder, GeometryError
 from echelon.calibration.frames import as_placement
 from echelon.calibration.sights import USUAL_RADIUS, Nominal, Sight, SightRecorder
@@ -52,6 +53,7 @@ from echelon.robot import (
     shift,
     stated_values,
     symbol_values,
+    value_texts,
 )
 from echelon.shared import CalibrationErrors, Floats, InputError, symbol_stem
 
@@ -213,12 +215,13 @@ class ErrorModel:
     ) -> LinearModel:
         """The rows as a linear model in the errors, at the nominal geometry."""
         program, rows = Program(), list[Scalar]()
+        turned = list[int]()  # first of nine entries of rotations
         closed = [sight for sight in self.sights if sight.constrains]
         free = [sight for sight in self.sights if not sight.constrains]
         loops = [sight for sight in closed if sight.closure is not None]
         groups = [[*free, *loops]] if free or loops else []
         groups += [[sight] for sight in closed if sight.closure is None]
-        mechanism = in_numbers(self.mechanism) if closed else self.mechanism
+        mechanism = in_numbers(self.mechanism) if closed else rational(self.mechanism)
         found: list[Mechanism] = []
         recorders: list[ErredRecorder] = []
         for count, sights in enumerate(groups):
@@ -230,6 +233,7 @@ class ErrorModel:
                 copy, places = touching(copy, sights[0], places, pose, seed)
             seen = SightRecorder(recorder, sights, _nominal(recorder, places, {s.tool for s in sights if s.is_marker}), rational=True)
             for sight, frame in seen.relative():
+                turned += [len(rows) + 3] if sight.kind == "pose" else []
                 rows += seen.rows(sight, frame)
             found.append(copy)
             recorders.append(recorder)
@@ -237,32 +241,33 @@ class ErrorModel:
         inputs = [program.input(name).node for name in errors]
         nodes = [row.node for row in rows]
         slopes = derivatives(program, nodes, inputs, reverse=len(nodes) < len(inputs))
-        nothing = Polynomial({})
-        put_in = dict.fromkeys(errors, nothing)
-        values = stated_values(mechanism)
-        awkward = {n for n, v in values.numbers.items() if isinstance(v, Surd)}
-        awkward |= {*values.angles, *values.sums, *values.of_pi}
-        put_in |= values.put_in(awkward)
-        copy_program, kept = with_values(program, list(slopes.values()), put_in)
-        table = [[copy_program.zero] * len(inputs) for _ in rows]
-        for (row, column), node in zip(slopes, kept, strict=True):
-            table[row][column] = Scalar(copy_program, node)
+        put_in = dict.fromkeys(errors, Polynomial({}))
+        known, nodes = list(slopes), [*slopes.values(), *nodes]
+        at_zero, kept = with_values(program, nodes, put_in)
+        table = [[at_zero.zero] * len(inputs) for _ in rows]
+        for (row, column), node in zip(known, kept, strict=False):
+            table[row][column] = Scalar(at_zero, node)
+        values = [Scalar(at_zero, node) for node in kept[len(known) :]]
+        for first in reversed(turned):
+            table[first : first + 9] = _turning(table[first : first + 9], values[first : first + 9])
+        numbers = stated_values(mechanism).numbers
         constants = {
-            i.name: _rational(values.numbers.get(i.name))
-            for i in copy_program.inputs.values()
+            i.name: _rational(numbers.get(i.name))
+            for i in at_zero.inputs.values()
             if i.role == "symbol"
         }
         model = LinearModel.recorded(
-            copy_program,
+            at_zero,
             [row for row in table if not all(entry.is_zero for entry in row)],
             {error.name: error.unit for error in errors.values()},
             constants,
+            value_texts(mechanism, [n for n, value in constants.items() if value is None]),
             f"geometry of {self.mechanism.name}",
         )
         if not closed:
             return model
         whole = merged(found)
-        found_loops = loops_of(whole, Recorder(whole, copy_program))
+        found_loops = loops_of(whole, Recorder(whole, at_zero))
         loops = PoseLoops(whole, found_loops.equations, None)
         model.regressor = replace(model.regressor, loops=loops)
         return model
@@ -275,6 +280,26 @@ class PoseLoops(Loops):
     def motions(self) -> int:
         """One."""
         return 1
+
+
+def _turning(slopes: Sequence[Sequence[Scalar]], entries: Sequence[Scalar]) -> list[list[Scalar]]:
+    """Turns about x, y and z, of slopes of the nine entries of a rotation: those of dR Rᵀ."""
+    columns = range(len(slopes[0]))
+    found: list[list[Scalar]] = []
+    for i, j in ((2, 1), (0, 2), (1, 0)):
+        rows = [(slopes[3 * i + k], entries[3 * j + k]) for k in range(3)]
+        found.append([rows[0][0][c] * rows[0][1] + rows[1][0][c] * rows[1][1] + rows[2][0][c] * rows[2][1]
+                      for c in columns])
+    return found
+
+
+def rational(mechanism: Mechanism) -> Mechanism:
+    """The robot with values for all symbols that are no rational numbers: angles in terms of their units."""
+    values = stated_values(mechanism)
+    roots = {name for name, value in values.numbers.items() if isinstance(value, Surd)}
+    others = {*values.angles, *values.sums, *values.of_pi}
+    found = put_into(mechanism, values.put_in(roots | others)) if roots | others else mechanism
+    return replace(found, symbols={**values.units, **found.symbols})
 
 
 def _rational(value: object) -> int | Fraction | None:

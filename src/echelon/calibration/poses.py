@@ -14,10 +14,9 @@ import numpy as np
 
 from echelon.algebra import DEFAULT_SEED
 from echelon.base import LinearBase
-from echelon.calibration.calibrating import error_model, unit_values
+from echelon.calibration.calibrating import error_model, setup_for
 from echelon.calibration.fit import Fit, lift_of
 from echelon.excite import task_of
-from echelon.identification import setup_of
 from echelon.shared import CalibrationErrors, Count, Floats, InputError, one_thread, public
 
 CANDIDATES = 2000
@@ -96,7 +95,7 @@ def calibration_poses(
     >>> poses.q.shape
     (20, 6)
     """
-    setup = setup_of(robot)
+    setup = setup_for(robot)
     model = error_model(setup, measure, errors)
     if any(sight.constrains for sight in model.sights):
         raise InputError(
@@ -110,7 +109,7 @@ def calibration_poses(
         state.frames[marker][:3, 3] += rng.uniform(-HAND, HAND, 3)
     base = model.base(state.frames, seed=seed)
     noise = np.array([c.stated or NOISE[c.unit] for c in fit.channels])
-    _, lift, prior = lift_of(base.B_float(unit_values(model)), fit.usual)
+    _, lift, prior = lift_of(base.B_float(), fit.usual)
     slopes = model.slopes(q, state.errors, state.frames) @ lift
     rows = slopes * fit.scales(noise)[:, None]
     chosen = _d_optimal(rows, prior.T @ prior, int(count))

@@ -196,7 +196,7 @@ class SightRecorder:
     recorder: ErredRecorder
     sights: Sequence[Sight]
     nominal: Nominal
-    rational: bool = False  # whether distances are squared, so that rows are rational
+    rational: bool = False  # whether rows are rational, with distances squared, and closures have no idle ones
 
     def relative(self) -> Iterator[tuple[Sight, Frame]]:
         """For each sight, the point of the tool with its axes, seen from the outer frame."""
@@ -243,16 +243,16 @@ class SightRecorder:
         kind = sight.kind
         if sight.closure is not None:
             kinds = sight.closure.kind
+            # the axes coincide where it is closed, so that entries above the diagonal tell all turns
+            turns = [d for d in kinds.directions if d[0] < d[1] or not self.rational]
             ends = [x[k] for k in kinds.positions]
-            return ends + [rotation[i][j] - value for i, j, value in kinds.directions]
+            return ends + [rotation[i][j] - value for i, j, value in turns]
         if kind == "pose":
             inverse = sight.entry is not None and sight.entry.inverse
             if inverse:
                 turned = transpose(rotation)
                 rotation, x = turned, scale(apply(turned, x), -self.recorder.program.one)
-            # two columns tell a rotation, and all three how far it is from another one
-            columns = 2 if self.rational else 3
-            return [*x, *(entry for row in rotation for entry in row[:columns])]
+            return [*x, *(entry for row in rotation for entry in row)]
         if kind == "plane":
             return [x[2]]
         if kind in ("distance", "sphere"):

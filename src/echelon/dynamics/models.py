@@ -37,6 +37,7 @@ from echelon.algebra import (
     parse,
     random_generator,
     record_expression,
+    stated_ball,
     with_values,
 )
 from echelon.dynamics.linear_forms import LinearForms
@@ -312,6 +313,8 @@ class LinearModel:
     p + 2·a·q
     """
 
+    generic: Mapping[str, str] = {}  # noqa: RUF012  replaced, never changed
+
     def __init__(
         self,
         X: Any,
@@ -381,14 +384,18 @@ class LinearModel:
         rows: Sequence[Sequence[Scalar]],
         units: Mapping[str, str],
         constants: Mapping[str, Rational | None],
+        generic: Mapping[str, str],
         name: str,
     ) -> LinearModel:
-        """A model whose entries are recorded already, with the units of its parameters by their names."""
+        """A model whose entries are recorded already, with the units of its parameters by their names.
+
+        ``generic`` holds texts of values of constants that count as generic, such as a unit of decimal angles.
+        """
         model = cls.__new__(cls)
         states = [i.name for i in program.inputs.values() if i.role == "state"]
         model.variables, model.name = tuple(states), name
         model.parameters, model.units = tuple(units), tuple(units.values())
-        model.constants = dict(constants)
+        model.constants, model.generic = dict(constants), dict(generic)
         model._keep(program, rows, None)
         return model
 
@@ -467,7 +474,7 @@ class LinearModel:
             name: str(value)
             for name, value in self.constants.items()
             if value is not None
-        }
+        } | self.generic
         self.regressor = LinearForms(
             program, entries, (len(rows), len(self.parameters)), values=stated
         )
@@ -475,7 +482,8 @@ class LinearModel:
     @property
     def values(self) -> dict[str, float]:
         """Values of the constants that have one."""
-        return {
+        generic = {n: float(stated_ball(text).mid()) for n, text in self.generic.items()}
+        return generic | {
             name: float(Fraction(v))
             for name, v in self.constants.items()
             if v is not None
