@@ -55,10 +55,12 @@ from echelon.robot import (
     symbol_values,
     value_texts,
 )
-from echelon.shared import CalibrationErrors, Floats, InputError, symbol_stem
+from echelon.shared import CalibrationErrors, Floats, InputError, independent_columns, symbol_stem
 
 ROUNDED = 6
 """Decimals of the nominal places of tools, m: a micrometre is far below what anybody calibrates to."""
+NEGLIGIBLE = 1e-9
+"""Part of a row that rounding may leave of one that follows from others."""
 ASSEMBLED = 12
 """Decimals of the frames of touched surfaces, so that they close at the pose that they were found at."""
 
@@ -215,7 +217,6 @@ class ErrorModel:
     ) -> LinearModel:
         """The rows as a linear model in the errors, at the nominal geometry."""
         program, rows = Program(), list[Scalar]()
-        turned = list[int]()  # first of nine entries of rotations
         closed = [sight for sight in self.sights if sight.constrains]
         free = [sight for sight in self.sights if not sight.constrains]
         loops = [sight for sight in closed if sight.closure is not None]
@@ -233,7 +234,6 @@ class ErrorModel:
                 copy, places = touching(copy, sights[0], places, pose, seed)
             seen = SightRecorder(recorder, sights, _nominal(recorder, places, {s.tool for s in sights if s.is_marker}), rational=True)
             for sight, frame in seen.relative():
-                turned += [len(rows) + 3] if sight.kind == "pose" else []
                 rows += seen.rows(sight, frame)
             found.append(copy)
             recorders.append(recorder)
@@ -242,14 +242,8 @@ class ErrorModel:
         nodes = [row.node for row in rows]
         slopes = derivatives(program, nodes, inputs, reverse=len(nodes) < len(inputs))
         put_in = dict.fromkeys(errors, Polynomial({}))
-        known, nodes = list(slopes), [*slopes.values(), *nodes]
-        at_zero, kept = with_values(program, nodes, put_in)
-        table = [[at_zero.zero] * len(inputs) for _ in rows]
-        for (row, column), node in zip(known, kept, strict=False):
-            table[row][column] = Scalar(at_zero, node)
-        values = [Scalar(at_zero, node) for node in kept[len(known) :]]
-        for first in reversed(turned):
-            table[first : first + 9] = _turning(table[first : first + 9], values[first : first + 9])
+        at_zero, kept = with_values(program, list(slopes.values()), put_in)
+        table = _independent_rows(at_zero, dict(zip(slopes, kept, strict=True)), len(inputs))
         numbers = stated_values(mechanism).numbers
         constants = {
             i.name: _rational(numbers.get(i.name))
@@ -258,7 +252,7 @@ class ErrorModel:
         }
         model = LinearModel.recorded(
             at_zero,
-            [row for row in table if not all(entry.is_zero for entry in row)],
+            table,
             {error.name: error.unit for error in errors.values()},
             constants,
             value_texts(mechanism, [n for n, value in constants.items() if value is None]),
@@ -282,15 +276,23 @@ class PoseLoops(Loops):
         return 1
 
 
-def _turning(slopes: Sequence[Sequence[Scalar]], entries: Sequence[Scalar]) -> list[list[Scalar]]:
-    """Turns about x, y and z, of slopes of the nine entries of a rotation: those of dR Rᵀ."""
-    columns = range(len(slopes[0]))
-    found: list[list[Scalar]] = []
-    for i, j in ((2, 1), (0, 2), (1, 0)):
-        rows = [(slopes[3 * i + k], entries[3 * j + k]) for k in range(3)]
-        found.append([rows[0][0][c] * rows[0][1] + rows[1][0][c] * rows[1][1] + rows[2][0][c] * rows[2][1]
-                      for c in columns])
-    return found
+def _independent_rows(
+    program: Program, entries: Mapping[tuple[int, int], int], columns: int
+) -> list[list[Scalar]]:
+    """Rows at one state of which none follows from the others, such as three of the nine of a rotation."""
+    schedule = Schedule(program, list(entries.values()))
+    drawn = np.random.default_rng(DEFAULT_SEED).uniform(0.2, 1.2, len(schedule.leaves))
+    at = {node: np.array([value]) for node, value in zip(schedule.leaves, drawn, strict=True)}
+    values = schedule.run(FloatArithmetic(), at, 1)[:, 0]
+    found = np.zeros((max(row for row, _ in entries) + 1, columns))
+    for (row, column), value in zip(entries, values, strict=True):
+        found[row, column] = value
+    kept = {row: k for k, row in enumerate(independent_columns(found.T, NEGLIGIBLE))}
+    table = [[program.zero] * columns for _ in kept]
+    for (row, column), node in entries.items():
+        if row in kept:
+            table[kept[row]][column] = Scalar(program, node)
+    return table
 
 
 def rational(mechanism: Mechanism) -> Mechanism:
