@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
 
 import numpy as np
 import pinocchio as pin
 
-from echelon.dynamics import Kinematics
-from echelon.robot import Mechanism, MotionKind
+from echelon.robot import Mechanism, MotionKind, known_values, placement_matrix
 
 Floats = np.ndarray
 
 
 def pinocchio_model(mechanism: Mechanism) -> pin.Model:
-    """The tree of a mechanism whose bodies each have one motion, from its frames at zero."""
-    zero = Kinematics(mechanism).frames(np.zeros((1, len(mechanism.positions))))[0]
-    whole = {-1: np.eye(4)} | {
-        k: np.vstack([frame, [0, 0, 0, 1]]) for k, frame in enumerate(zero)
-    }
+    """The tree of a mechanism whose bodies each have one motion; what a joint moves is the frame of its motion."""
+    known, after = known_values(mechanism), {-1: np.eye(4)}
     model = pin.Model()
     for index, body in enumerate(mechanism.bodies):
         (motion,) = body.joint.motions
+        at = body.joint.steps.index(motion)
+        before, after[index] = (
+            reduce(np.matmul, [placement_matrix(s, known) for s in steps], np.eye(4))
+            for steps in (body.joint.steps[:at], body.joint.steps[at + 1 :])
+        )
         axis = motion.sign * np.eye(3)[motion.axis]
         slides = motion.kind is MotionKind.TRANSLATION
         kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
-        placed = np.linalg.inv(whole[body.parent]) @ whole[index]
+        placed = after[body.parent] @ before
         model.addJoint(body.parent + 1, kind(axis), pin.SE3(placed), motion.name)
     return model
 
@@ -44,7 +46,7 @@ def small_frame(errors: Sequence[float]) -> pin.SE3:
 def body_frames(
     model: pin.Model, q: Floats, errors: Mapping[int, Sequence[float]]
 ) -> list[list[Floats]]:
-    """Frames of all joints, with errors behind some of them, at positions of shape (N, n): 4 × 4 matrices."""
+    """Frames of all motions, with errors behind some of them, at positions of shape (N, n): 4 × 4 matrices."""
     found = []
     data = model.createData()
     for one in q:
