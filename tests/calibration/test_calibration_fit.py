@@ -49,7 +49,9 @@ class Truth:
         return np.linalg.inv(self.outer) @ frames[:, -1] @ self.tool
 
 
-def planted(mechanism: Mechanism, rng: np.random.Generator, size: float = 1e-3) -> Truth:
+def planted(
+    mechanism: Mechanism, rng: np.random.Generator, size: float = 1e-3
+) -> Truth:
     errors = {k: twist(rng, size, size) for k in range(len(mechanism.bodies))}
     outer, tool = (pin.SE3.Random().homogeneous for _ in range(2))
     tool[:3, 3] = rng.uniform(-0.15, 0.15, 3)
@@ -64,14 +66,18 @@ def table(mechanism: Mechanism, q: Floats, **columns: Floats) -> dict[str, Float
     return {f"q_{n}": q[:, k] for k, n in enumerate(mechanism.positions)} | columns
 
 
-def xyz(points: Floats, rng: np.random.Generator, before: str = "") -> dict[str, Floats]:
+def xyz(
+    points: Floats, rng: np.random.Generator, before: str = ""
+) -> dict[str, Floats]:
     noisy = points + rng.normal(scale=NOISE, size=points.shape)
     return {f"{before}{axis}": noisy[:, k] for k, axis in enumerate("xyz")}
 
 
 def pose_log(truth: Truth, q: Floats, rng: np.random.Generator) -> dict[str, Floats]:
     seen = truth.seen(q)
-    turned = np.array([r @ pin.exp3(rng.normal(scale=TURNED, size=3)) for r in seen[:, :3, :3]])
+    turned = np.array(
+        [r @ pin.exp3(rng.normal(scale=TURNED, size=3)) for r in seen[:, :3, :3]]
+    )
     matrix = {f"r{i + 1}{j + 1}": turned[:, i, j] for i in range(3) for j in range(3)}
     return table(truth.mechanism, q, **xyz(seen[:, :3, 3], rng), **matrix)
 
@@ -84,11 +90,18 @@ def camera_log(truth: Truth, q: Floats, rng: np.random.Generator) -> dict[str, F
     return table(truth.mechanism, q, **xyz(seen[:, :3, 3], rng), **turns)
 
 
-def position_log(truth: Truth, q: Floats, rng: np.random.Generator) -> dict[str, Floats]:
+def position_log(
+    truth: Truth, q: Floats, rng: np.random.Generator
+) -> dict[str, Floats]:
     return table(truth.mechanism, q, **xyz(truth.seen(q)[:, :3, 3], rng))
 
 
-MARKERS = {"m1": [0.1, 0, 0], "m2": [-0.1, 0.05, 0], "m3": [0, 0.1, 0.05], "m4": [0, -0.1, 0.1]}
+MARKERS = {
+    "m1": [0.1, 0, 0],
+    "m2": [-0.1, 0.05, 0],
+    "m3": [0, 0.1, 0.05],
+    "m4": [0, -0.1, 0.1],
+}
 
 
 def marker_log(truth: Truth, q: Floats, rng: np.random.Generator) -> dict[str, Floats]:
@@ -98,12 +111,16 @@ def marker_log(truth: Truth, q: Floats, rng: np.random.Generator) -> dict[str, F
     return table(truth.mechanism, q, **columns)
 
 
-def distance_log(truth: Truth, q: Floats, rng: np.random.Generator) -> dict[str, Floats]:
+def distance_log(
+    truth: Truth, q: Floats, rng: np.random.Generator
+) -> dict[str, Floats]:
     length = np.linalg.norm(truth.seen(q)[:, :3, 3], axis=1)
     return table(truth.mechanism, q, bar=length + rng.normal(scale=NOISE, size=len(q)))
 
 
-def touching_log(truth: Truth, q: Floats, rng: np.random.Generator, kind: str) -> dict[str, Floats]:
+def touching_log(
+    truth: Truth, q: Floats, rng: np.random.Generator, kind: str
+) -> dict[str, Floats]:
     """Positions moved onto what is touched, with noise in the joints' encoders as small as the others."""
     back = np.linalg.inv(truth.outer)
 
@@ -126,10 +143,25 @@ def touching_log(truth: Truth, q: Floats, rng: np.random.Generator, kind: str) -
 Log = Callable[[Truth, Floats, np.random.Generator], dict[str, Floats]]
 CASES: dict[str, tuple[str, dict[str, Any], Log, int]] = {
     "UR10, poses": ("ur10", {"pose": "TIP"}, pose_log, 60),
-    "UR10, camera in the hand": ("ur10", {"pose": "TIP", "inverse": True}, camera_log, 60),
+    "UR10, camera in the hand": (
+        "ur10",
+        {"pose": "TIP", "inverse": True},
+        camera_log,
+        60,
+    ),
     "KUKA, positions": ("kuka", {"position": "TIP"}, position_log, 120),
-    "torso, four markers": ("torso", {"position": "TIP", "points": MARKERS}, marker_log, 60),
-    "UR10, ball bar": ("ur10", {"distance": "TIP", "columns": "bar"}, distance_log, 200),
+    "torso, four markers": (
+        "torso",
+        {"position": "TIP", "points": MARKERS},
+        marker_log,
+        60,
+    ),
+    "UR10, ball bar": (
+        "ur10",
+        {"distance": "TIP", "columns": "bar"},
+        distance_log,
+        200,
+    ),
 }
 
 
@@ -158,7 +190,9 @@ def covered(truth: Truth, found: ec.Calibration) -> list[bool]:
     own = {
         f"{part}{truth.mechanism.bodies[k].label}": value
         for k, errors in truth.errors.items()
-        for part, value in zip(("px", "py", "pz", "rx", "ry", "rz"), errors, strict=True)
+        for part, value in zip(
+            ("px", "py", "pz", "rx", "ry", "rz"), errors, strict=True
+        )
     }
     b, names = found.base.B_float(), found.base.parameters
     return [
@@ -208,12 +242,17 @@ def test_the_calibrated_robot_moves_as_the_true_one() -> None:
     from echelon.dynamics import Kinematics
 
     frames = Kinematics(found.robot.mechanism).frames(q)[:, -1]
-    tool = np.linalg.inv(found.frames["base"]) @ np.concatenate(
-        [frames, np.tile([[[0, 0, 0, 1.0]]], (20, 1, 1))], axis=1
-    ) @ found.tools["tool"]
+    tool = (
+        np.linalg.inv(found.frames["base"])
+        @ np.concatenate([frames, np.tile([[[0, 0, 0, 1.0]]], (20, 1, 1))], axis=1)
+        @ found.tools["tool"]
+    )
     gap = np.linalg.norm(tool[:, :3, 3] - truth.seen(q)[:, :3, 3], axis=1)
     assert gap.max() < 3 * NOISE
-    nominal = np.linalg.norm(np.array(body_frames(pinocchio_model(truth.mechanism), q, {}))[:, -1, :3, 3], axis=1)
+    nominal = np.linalg.norm(
+        np.array(body_frames(pinocchio_model(truth.mechanism), q, {}))[:, -1, :3, 3],
+        axis=1,
+    )
     assert nominal.shape == (20,)
 
 

@@ -45,7 +45,10 @@ def slopes(mechanism: Mechanism, q: np.ndarray, outer: np.ndarray, tool: np.ndar
 
 def measured_rows(kind: str, x: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Rows of a kind of measurement, shape (rows, errors), from frames (N, 4, 4) and slopes (N, errors, 4, 4)."""
-    point, points = np.array([*POINT, 1]), np.eye(4)[:, [0, 1, 2]] * 0.1 + np.eye(4)[:, 3:]
+    point, points = (
+        np.array([*POINT, 1]),
+        np.eye(4)[:, [0, 1, 2]] * 0.1 + np.eye(4)[:, 3:],
+    )
     moves = d @ point
     if kind == "pose":
         return d[:, :, :3, :].transpose(0, 2, 3, 1).reshape(-1, d.shape[1])
@@ -102,8 +105,15 @@ def check(kind: str, seed: int) -> None:
     q = rng.uniform(-2, 2, (80, len(arm.positions)))
     x, d = slopes(arm, q, np.eye(4), np.eye(4))
     rows = measured_rows(kind, x, d)
-    names = [f"{c}{label}" for label in ("_base" if kind != "distance" else "_distance1",
-             *(b.label for b in arm.bodies), "_tool") for c in ("px", "py", "pz", "rx", "ry", "rz")]
+    names = [
+        f"{c}{label}"
+        for label in (
+            "_base" if kind != "distance" else "_distance1",
+            *(b.label for b in arm.bodies),
+            "_tool",
+        )
+        for c in ("px", "py", "pz", "rx", "ry", "rz")
+    ]
     assert set(base.parameters) <= set(names)
     left_out = [k for k, name in enumerate(names) if name not in base.parameters]
     assert not rows[:, left_out].any()
@@ -113,7 +123,9 @@ def check(kind: str, seed: int) -> None:
     # every relation holds: rows are those of the pivots times B
     pivots = [base.parameters.index(name) for name in base.pivots]
     b = base.B_float()
-    np.testing.assert_allclose(rows[:, pivots] @ b, rows, atol=1e-9 * np.abs(rows).max())
+    np.testing.assert_allclose(
+        rows[:, pivots] @ b, rows, atol=1e-9 * np.abs(rows).max()
+    )
 
 
 def test_panda() -> None:
@@ -146,7 +158,12 @@ def test_poses_show_four_per_revolute_and_two_per_prismatic_joint(seed: int) -> 
 
 @pytest.mark.parametrize(
     ("errors", "rank"),
-    [(("modified_dh",), 34), (("offsets",), 17), (("offsets", "gears"), 24), (("frames", "gears"), 41)],
+    [
+        (("modified_dh",), 34),
+        (("offsets",), 17),
+        (("offsets", "gears"), 24),
+        (("frames", "gears"), 41),
+    ],
 )
 def test_other_errors_of_panda(errors: tuple[str, ...], rank: int) -> None:
     assert ec.calibration_base("examples/panda.yaml", errors=errors).rank == rank

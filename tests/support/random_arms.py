@@ -8,7 +8,9 @@ import echelon as ec
 from echelon.robot import Mechanism
 
 
-def random_arm(rng: np.random.Generator, joints: int | None = None, slides: float = 0.2) -> Mechanism:
+def random_arm(
+    rng: np.random.Generator, joints: int | None = None, slides: float = 0.2
+) -> Mechanism:
     """A chain of revolute and some prismatic joints."""
     count = int(rng.integers(3, 8)) if joints is None else joints
     lines = ["echelon: 1", "name: chain", "bodies:"]

@@ -26,7 +26,11 @@ def pinocchio_model(mechanism: Mechanism) -> pin.Model:
         )
         axis = motion.sign * np.eye(3)[motion.axis]
         slides = motion.kind is MotionKind.TRANSLATION
-        kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+        kind = (
+            pin.JointModelPrismaticUnaligned
+            if slides
+            else pin.JointModelRevoluteUnaligned
+        )
         placed = after[body.parent] @ before
         model.addJoint(body.parent + 1, kind(axis), pin.SE3(placed), motion.name)
     return model
@@ -34,7 +38,9 @@ def pinocchio_model(mechanism: Mechanism) -> pin.Model:
 
 def twist(rng: np.random.Generator, shift: float, turn: float) -> Floats:
     """A random small motion: three shifts, then three turns."""
-    return np.concatenate([rng.normal(scale=shift, size=3), rng.normal(scale=turn, size=3)])
+    return np.concatenate(
+        [rng.normal(scale=shift, size=3), rng.normal(scale=turn, size=3)]
+    )
 
 
 def small_frame(errors: Sequence[float]) -> pin.SE3:

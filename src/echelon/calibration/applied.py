@@ -26,12 +26,15 @@ from echelon.robot import (
 )
 from echelon.shared import Floats, symbol_stem
 
+
 @dataclass(frozen=True)
 class Applied:
     """A calibrated robot."""
 
     mechanism: Mechanism
-    moves: Mapping[str, Floats]  # by body: where what is fixed to it sits now, shape (4, 4)
+    moves: Mapping[
+        str, Floats
+    ]  # by body: where what is fixed to it sits now, shape (4, 4)
 
     def place(self, body: int, frame: Floats) -> Floats:
         """Where a tool sits on a body now."""
@@ -48,7 +51,10 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
     bodies = []
     for body in mechanism.bodies:
         steps: list[Step] = []
-        if body.parent != GROUND and (name := mechanism.bodies[body.parent].name) in moves:
+        if (
+            body.parent != GROUND
+            and (name := mechanism.bodies[body.parent].name) in moves
+        ):
             steps.append(as_placement(moves[name]))
         motions = body.joint.motions
         for step in body.joint.steps:
@@ -67,21 +73,25 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
             move = move @ error_frame(values, f"{labels[motions[-1].name]}a")
             if not np.array_equal(move, np.eye(4)):
                 moves[body.name] = move
-        bodies.append(replace(body, joint=replace(body.joint, steps=merge(tuple(steps)))))
+        bodies.append(
+            replace(body, joint=replace(body.joint, steps=merge(tuple(steps))))
+        )
     closures = []
     for closure in mechanism.closures:
         frames = []
         ends = ((closure.first, "first"), (closure.second, "second"))
         for (index, end), placement in zip(ends, closure.placements, strict=True):
             name = "" if index == GROUND else mechanism.bodies[index].name
-            ending = symbol_stem(f'{closure.name}_{end}')
+            ending = symbol_stem(f"{closure.name}_{end}")
             moved = [as_placement(moves[name])] if name in moves else []
             whole = Placement()
             for part in (*moved, placement, *_changed(error_frame(values, ending))):
                 whole = whole @ part
             frames.append(whole)
         closures.append(replace(closure, first_frame=frames[0], second_frame=frames[1]))
-    return Applied(replace(mechanism, bodies=tuple(bodies), closures=tuple(closures)), moves)
+    return Applied(
+        replace(mechanism, bodies=tuple(bodies), closures=tuple(closures)), moves
+    )
 
 
 def _behind(motion: Motion, label: str, values: Mapping[str, float]) -> Floats:
@@ -90,7 +100,10 @@ def _behind(motion: Motion, label: str, values: Mapping[str, float]) -> Floats:
     turns = motion.kind is not MotionKind.TRANSLATION
     pitch = float(motion.pitch.at({})) if motion.kind is MotionKind.SCREW else 0.0
     axis = "xyz"[motion.axis]
-    along = {f"p{axis}": pitch * offset if turns else offset, f"r{axis}": offset * turns}
+    along = {
+        f"p{axis}": pitch * offset if turns else offset,
+        f"r{axis}": offset * turns,
+    }
     found: Floats = error_frame(values, label) @ error_frame(along, "")
     return found
 

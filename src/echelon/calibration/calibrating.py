@@ -124,22 +124,35 @@ class Calibration:
     def unidentifiable(self) -> tuple[str, ...]:
         """Errors that no such measurement shows, whatever the poses."""
         kinds = self.base.classification.items()
-        return tuple(name for name, kind in kinds if kind is Identifiability.UNIDENTIFIABLE)
+        return tuple(
+            name for name, kind in kinds if kind is Identifiability.UNIDENTIFIABLE
+        )
 
     @cached_property
     def written(self) -> WrittenRobot:
         """The robot's file with the calibrated geometry."""
         remarks = ["Geometry calibrated with Echelon."]
-        beside = [name for name in self.errors if name.startswith(("ratio", "compliance", "radius"))]
-        remarks += [f"{name} = {self.errors[name]:.6g}, which no robot file states" for name in beside]
-        return calibrated_robot(self.robot.mechanism, self.robot.moves, self.file, remarks)
+        beside = [
+            name
+            for name in self.errors
+            if name.startswith(("ratio", "compliance", "radius"))
+        ]
+        remarks += [
+            f"{name} = {self.errors[name]:.6g}, which no robot file states"
+            for name in beside
+        ]
+        return calibrated_robot(
+            self.robot.mechanism, self.robot.moves, self.file, remarks
+        )
 
     def __repr__(self) -> str:
         parts = [
             f"{score.name}: {_shown(score.before, score.unit)} → {_shown(score.after, score.unit)}"
             for score in self.scores
         ]
-        return f"Calibration({self.base.rank} combinations; held out {', '.join(parts)})"
+        return (
+            f"Calibration({self.base.rank} combinations; held out {', '.join(parts)})"
+        )
 
 
 def _shown(value: float, unit: str) -> str:
@@ -311,28 +324,55 @@ def _result(
     before = fit.sizes(fit.residuals(nominal, held))
     after = fit.sizes(fit.residuals(judged.state, held))
     scores = []
-    for (channel, first), (_, last), noise in zip(before, after, found.state.noise, strict=True):
+    for (channel, first), (_, last), noise in zip(
+        before, after, found.state.noise, strict=True
+    ):
         rows = held.present[:, channel.sight]
         if rows.any():
             root = (float(np.sqrt(np.mean(size[rows] ** 2))) for size in (first, last))
             median = float(np.median(last[rows]))
             scores.append(
-                CalibrationScore(channel.name, channel.unit, int(rows.sum()), *root, median, float(noise))
+                CalibrationScore(
+                    channel.name,
+                    channel.unit,
+                    int(rows.sum()),
+                    *root,
+                    median,
+                    float(noise),
+                )
             )
     deviations = np.sqrt(np.diag(found.covariance))
     usual = np.sqrt(np.diag(found.spread))
-    hidden = [p for p, d, u in zip(base.pivots, deviations, usual, strict=True) if d > UNSEEN * u]
-    free = int(sum(found.used[:, c.sight].sum() * c.per_row for c in fit.channels)) - base.rank
+    hidden = [
+        p
+        for p, d, u in zip(base.pivots, deviations, usual, strict=True)
+        if d > UNSEEN * u
+    ]
+    free = (
+        int(sum(found.used[:, c.sight].sum() * c.per_row for c in fit.channels))
+        - base.rank
+    )
     half = stdtrit(max(free, 1), (1 + LEVEL) / 2) * deviations
-    errors = dict(zip((e.name for e in model.errors), found.state.errors.tolist(), strict=True))
+    errors = dict(
+        zip((e.name for e in model.errors), found.state.errors.tolist(), strict=True)
+    )
     robot = applied(model.mechanism, {k: v for k, v in errors.items()})
     state = fit.absorbed(found.state)
-    ends = {name for sight in model.sights if sight.closure is None for name in (sight.tool, sight.frame)}
+    ends = {
+        name
+        for sight in model.sights
+        if sight.closure is None
+        for name in (sight.tool, sight.frame)
+    }
     tools = {
-        s.tool: robot.place(s.body, state.frames[s.tool]) for s in model.sights if s.tool in ends
+        s.tool: robot.place(s.body, state.frames[s.tool])
+        for s in model.sights
+        if s.tool in ends
     }
     frames = {
-        s.frame: robot.place(s.on, state.frames[s.frame]) for s in model.sights if s.frame in ends
+        s.frame: robot.place(s.on, state.frames[s.frame])
+        for s in model.sights
+        if s.frame in ends
     }
     kept = {
         name: value
@@ -340,7 +380,9 @@ def _result(
         if not any(name[2:] == symbol_stem(end) for end in ends)
     }
     sizes = zip(
-        fit.sizes(fit.residuals(nominal)), fit.sizes(fit.residuals(found.state)), strict=True
+        fit.sizes(fit.residuals(nominal)),
+        fit.sizes(fit.residuals(found.state)),
+        strict=True,
     )
     residuals = {
         f"{channel.name} ({channel.unit})": (

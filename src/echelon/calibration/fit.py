@@ -14,9 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf, isfinite, sqrt
+from math import inf, sqrt
 
 import numpy as np
+
 from echelon.base import LinearBase
 from echelon.calibration.frames import error_frame
 from echelon.calibration.model import ErrorModel
@@ -135,7 +136,9 @@ class Fit:
     def without_data(cls, model: ErrorModel, seed: int) -> Fit:
         """A fit to nothing, for designs."""
         count, rows = len(model.mechanism.positions), len(model.sights)
-        nothing = Observed("", np.zeros((0, count)), (), np.zeros((0, rows), bool), np.zeros(0))
+        nothing = Observed(
+            "", np.zeros((0, count)), (), np.zeros((0, rows), bool), np.zeros(0)
+        )
         return cls(model, nothing, seed)
 
     @cached_property
@@ -252,25 +255,39 @@ class Fit:
         basis = np.eye(len(self.usual))[:, columns]
         prior = np.eye(len(columns)) / LOOSE
         z, _ = self.solve(
-            state, basis, prior, self.data.present, loss, columns=columns.tolist(), **options
+            state,
+            basis,
+            prior,
+            self.data.present,
+            loss,
+            columns=columns.tolist(),
+            **options,
         )
         return self.absorbed(replace(state, errors=state.errors + basis @ z))
 
     def absorbed(self, state: State) -> State:
         """A state with the errors of unknown frames in the frames."""
-        values = {e.name: v for e, v in zip(self.model.errors, state.errors, strict=True)}
-        unknown = {
-            e.name for e, free in zip(self.model.errors, self.unknown, strict=True) if free
+        values = {
+            e.name: v for e, v in zip(self.model.errors, state.errors, strict=True)
         }
-        ends = [name for name in self.model.ends if any(
-            f"{part}{symbol_stem(name)}" in unknown for part in ("px", "pz")
-        )]
+        unknown = {
+            e.name
+            for e, free in zip(self.model.errors, self.unknown, strict=True)
+            if free
+        }
+        ends = [
+            name
+            for name in self.model.ends
+            if any(f"{part}{symbol_stem(name)}" in unknown for part in ("px", "pz"))
+        ]
         frames = dict(state.frames)
         for name in ends:
             frames[name] = error_frame(values, symbol_stem(name)) @ frames[name]
         kept = [
             0.0 if free and not e.name.startswith("radius") else v
-            for e, v, free in zip(self.model.errors, state.errors, self.unknown, strict=True)
+            for e, v, free in zip(
+                self.model.errors, state.errors, self.unknown, strict=True
+            )
         ]
         return replace(state, frames=frames, errors=np.array(kept))
 
@@ -303,12 +320,16 @@ class Fit:
                 named = self.outlying(at)
             z, jacobian = self.solve(state, lift, prior, used, loss, z)
             at = replace(state, errors=state.errors + lift @ z)
-            state = replace(state, noise=self.noise(at, used, len(z), robust=loss != "linear"))
+            state = replace(
+                state, noise=self.noise(at, used, len(z), robust=loss != "linear")
+            )
             at = replace(at, noise=state.noise)
         covariance = np.linalg.inv(jacobian.T @ jacobian)
         return Fitted(at, z, covariance, spread, used, named, self.data.present & ~used)
 
-    def noise(self, state: State, used: Flags, parameters: int, *, robust: bool) -> Floats:
+    def noise(
+        self, state: State, used: Flags, parameters: int, *, robust: bool
+    ) -> Floats:
         """Standard deviation of each channel, by what is left."""
         numbers = sum(int(used[:, c.sight].sum()) * c.per_row for c in self.channels)
         if numbers <= parameters and any(c.stated is None for c in self.channels):
@@ -321,7 +342,9 @@ class Fit:
         for channel, size in self.sizes(self.residuals(state)):
             left = size[used[:, channel.sight]] / sqrt(channel.per_row)
             if robust:
-                typical = np.median(left) / sqrt(chdtri(channel.per_row, 0.5) / channel.per_row)
+                typical = np.median(left) / sqrt(
+                    chdtri(channel.per_row, 0.5) / channel.per_row
+                )
             else:
                 typical = np.sqrt(np.mean(left**2))
             found.append(channel.stated or max(typical * lost, SMALLEST_NOISE))
@@ -361,9 +384,13 @@ def _channels(model: ErrorModel) -> Iterator[Channel]:
             turns -= shifts
             middle = rows.start + shifts
             if shifts:
-                yield Channel(sight.name, "m", slice(rows.start, middle), k, shifts, None)
+                yield Channel(
+                    sight.name, "m", slice(rows.start, middle), k, shifts, None
+                )
             if turns:
-                yield Channel(sight.name, "rad", slice(middle, rows.stop), k, turns, None)
+                yield Channel(
+                    sight.name, "rad", slice(middle, rows.stop), k, turns, None
+                )
         else:
             yield Channel(sight.name, "m", rows, k, rows.stop - rows.start, shift)
 

@@ -37,7 +37,9 @@ _UNIT = re.compile(r"\s*[\[(]\s*([^\[\]()]*)\s*[\])]\s*$")
 _SEPARATORS = "_./ "
 
 
-def observed(model: ErrorModel, setup: Setup, paths: Sequence[str | os.PathLike[str]]) -> Observed:
+def observed(
+    model: ErrorModel, setup: Setup, paths: Sequence[str | os.PathLike[str]]
+) -> Observed:
     """What some logs hold, one after another.
 
     Raises
@@ -53,14 +55,18 @@ def observed(model: ErrorModel, setup: Setup, paths: Sequence[str | os.PathLike[
         joined = Observed(
             ", ".join(part.source for part in parts),
             np.vstack([part.q for part in parts]),
-            tuple(np.vstack(some) for some in zip(*(p.values for p in parts), strict=True)),
+            tuple(
+                np.vstack(some) for some in zip(*(p.values for p in parts), strict=True)
+            ),
             np.vstack([part.present for part in parts]),
             np.concatenate([part.rows for part in parts]),
         )
     for k, sight in enumerate(model.sights):
         if not joined.present[:, k].any():
             raise InputError(
-                "no row measures it", source=joined.source, element=f"measure '{sight.name}'"
+                "no row measures it",
+                source=joined.source,
+                element=f"measure '{sight.name}'",
             )
     return joined.part(joined.present.any(axis=1))
 
@@ -74,12 +80,16 @@ def _of_table(model: ErrorModel, setup: Setup, table: Table) -> Observed:
             found = _measured(table, sight)
             missing = np.zeros((len(q), rows.stop - rows.start))
             chosen = _rows_of(table, sight, len(q))
-            values.append(np.where(chosen[:, None], missing if found is None else found, np.nan))
+            values.append(
+                np.where(chosen[:, None], missing if found is None else found, np.nan)
+            )
     usable = np.isfinite(q).all(axis=1)
     present = [np.isfinite(value).all(axis=1) & usable for value in values]
     clean = tuple(np.nan_to_num(value) for value in values)
     rows = np.arange(1, len(q) + 1)
-    return Observed(table.source, np.nan_to_num(q), clean, np.column_stack(present), rows)
+    return Observed(
+        table.source, np.nan_to_num(q), clean, np.column_stack(present), rows
+    )
 
 
 def _check_unlogged(model: ErrorModel, unlogged: Sequence[str], source: str) -> None:
@@ -121,7 +131,11 @@ def _measured(table: Table, sight: Sight) -> Floats | None:
     try:
         if isinstance(stated, tuple):
             found = [_column(table, names, name, "m") for name in stated]
-            return _values(sight, found[:3], found[3:]) if sight.kind != "distance" else found[0][:, None]
+            return (
+                _values(sight, found[:3], found[3:])
+                if sight.kind != "distance"
+                else found[0][:, None]
+            )
         if sight.kind == "distance":
             return _column(table, names, stated or sight.name, "m")[:, None]
         before = _beginning(names, sight, stated)
@@ -134,7 +148,9 @@ def _measured(table: Table, sight: Sight) -> Floats | None:
                 turn = [_column(table, names, before + part, unit) for part in parts]
                 return _values(sight, shift, turn, angles=parts is _ANGLES)
         shown = f"{before}r11 … {before}r33, {before}qw … {before}qz or {before}rx … {before}rz"
-        raise InputError(f"there is no rotation: name its columns {shown}, or state  columns")
+        raise InputError(
+            f"there is no rotation: name its columns {shown}, or state  columns"
+        )
     except InputError as error:
         raise InputError(error.problem, element=f"measure '{sight.name}'") from None
 
@@ -149,7 +165,9 @@ def _named(table: Table) -> dict[str, tuple[str, str]]:
     return found | {column: found[name] for name, (column, _) in found.items()}
 
 
-def _beginning(names: Mapping[str, tuple[str, str]], sight: Sight, stated: str | None) -> str:
+def _beginning(
+    names: Mapping[str, tuple[str, str]], sight: Sight, stated: str | None
+) -> str:
     """First letters of the columns' names."""
     marker = sight.name.partition(".")[2]
     tried = list(_beginnings(sight, stated, marker))
@@ -180,7 +198,11 @@ def _column(
 
 
 def _values(
-    sight: Sight, shift: Sequence[Floats], turn: Sequence[Floats], *, angles: bool = False
+    sight: Sight,
+    shift: Sequence[Floats],
+    turn: Sequence[Floats],
+    *,
+    angles: bool = False,
 ) -> Floats:
     """Positions and rotation matrices by rows, shape (N, 12), or positions alone."""
     count = 3 if sight.kind == "position" else None
@@ -205,14 +227,18 @@ def _rotation(parts: Floats, *, angles: bool) -> Floats:
     if parts.shape[1] == 3:
         return Rotation.from_rotvec(parts).as_matrix()
     if parts.shape[1] == 4:
-        if len(parts) and np.abs(np.linalg.norm(parts, axis=1) - 1).max() > LARGEST_SKEW:
+        if (
+            len(parts)
+            and np.abs(np.linalg.norm(parts, axis=1) - 1).max() > LARGEST_SKEW
+        ):
             raise InputError("its quaternions have not the length 1")
         return Rotation.from_quat(parts[:, [1, 2, 3, 0]]).as_matrix()
     matrices = parts.reshape(-1, 3, 3)
     left, _, right = np.linalg.svd(matrices)
     nearest = left @ right
     if len(parts) and (
-        np.abs(nearest - matrices).max() > LARGEST_SKEW or np.linalg.det(nearest).min() < 0
+        np.abs(nearest - matrices).max() > LARGEST_SKEW
+        or np.linalg.det(nearest).min() < 0
     ):
         raise InputError("its matrices are no rotations")
     return nearest

@@ -50,12 +50,17 @@ from echelon.robot import (
     ball,
     in_numbers,
     placement_matrix,
-    shift,
     stated_values,
     symbol_values,
     value_texts,
 )
-from echelon.shared import CalibrationErrors, Floats, InputError, independent_columns, symbol_stem
+from echelon.shared import (
+    CalibrationErrors,
+    Floats,
+    InputError,
+    independent_columns,
+    symbol_stem,
+)
 
 ROUNDED = 6
 """Decimals of the nominal places of tools, m: a micrometre is far below what anybody calibrates to."""
@@ -118,7 +123,9 @@ class ErrorModel:
     @cached_property
     def _values(self) -> Schedule:
         recorder, recorded = self._recorded
-        return Schedule(recorder.program, [row.node for rows in recorded for row in rows])
+        return Schedule(
+            recorder.program, [row.node for rows in recorded for row in rows]
+        )
 
     @cached_property
     def _slopes(self) -> dict[tuple[int, ...], tuple[list[tuple[int, int]], Schedule]]:
@@ -213,7 +220,10 @@ class ErrorModel:
         return base_parameters(self.linear(frames or {}, pose, seed), seed=seed)
 
     def linear(
-        self, frames: Mapping[str, Floats], pose: Floats | None, seed: int = DEFAULT_SEED
+        self,
+        frames: Mapping[str, Floats],
+        pose: Floats | None,
+        seed: int = DEFAULT_SEED,
     ) -> LinearModel:
         """The rows as a linear model in the errors, at the nominal geometry."""
         program, rows = Program(), list[Scalar]()
@@ -229,10 +239,17 @@ class ErrorModel:
             copy = copied(mechanism, f" ({count})" if count else "")
             recorder = ErredRecorder(copy, program, self.kinds)
             recorder.errors = recorders[0].errors if recorders else recorder.errors
-            places = {name: as_placement(frame, ROUNDED) for name, frame in frames.items()}
+            places = {
+                name: as_placement(frame, ROUNDED) for name, frame in frames.items()
+            }
             if sights[0].constrains and sights[0].closure is None:
                 copy, places = touching(copy, sights[0], places, pose, seed)
-            seen = SightRecorder(recorder, sights, _nominal(recorder, places, {s.tool for s in sights if s.is_marker}), rational=True)
+            seen = SightRecorder(
+                recorder,
+                sights,
+                _nominal(recorder, places, {s.tool for s in sights if s.is_marker}),
+                rational=True,
+            )
             for sight, frame in seen.relative():
                 rows += seen.rows(sight, frame)
             found.append(copy)
@@ -243,7 +260,9 @@ class ErrorModel:
         slopes = derivatives(program, nodes, inputs, reverse=len(nodes) < len(inputs))
         put_in = dict.fromkeys(errors, Polynomial({}))
         at_zero, kept = with_values(program, list(slopes.values()), put_in)
-        table = _independent_rows(at_zero, dict(zip(slopes, kept, strict=True)), len(inputs))
+        table = _independent_rows(
+            at_zero, dict(zip(slopes, kept, strict=True)), len(inputs)
+        )
         numbers = stated_values(mechanism).numbers
         constants = {
             i.name: _rational(numbers.get(i.name))
@@ -255,7 +274,9 @@ class ErrorModel:
             table,
             {error.name: error.unit for error in errors.values()},
             constants,
-            value_texts(mechanism, [n for n, value in constants.items() if value is None]),
+            value_texts(
+                mechanism, [n for n, value in constants.items() if value is None]
+            ),
             f"geometry of {self.mechanism.name}",
         )
         if not closed:
@@ -282,7 +303,10 @@ def _independent_rows(
     """Rows at one state of which none follows from the others, such as three of the nine of a rotation."""
     schedule = Schedule(program, list(entries.values()))
     drawn = np.random.default_rng(DEFAULT_SEED).uniform(0.2, 1.2, len(schedule.leaves))
-    at = {node: np.array([value]) for node, value in zip(schedule.leaves, drawn, strict=True)}
+    at = {
+        node: np.array([value])
+        for node, value in zip(schedule.leaves, drawn, strict=True)
+    }
     values = schedule.run(FloatArithmetic(), at, 1)[:, 0]
     found = np.zeros((max(row for row, _ in entries) + 1, columns))
     for (row, column), value in zip(entries, values, strict=True):
@@ -300,7 +324,11 @@ def rational(mechanism: Mechanism) -> Mechanism:
     values = stated_values(mechanism)
     roots = {name for name, value in values.numbers.items() if isinstance(value, Surd)}
     others = {*values.angles, *values.sums, *values.of_pi}
-    found = put_into(mechanism, values.put_in(roots | others)) if roots | others else mechanism
+    found = (
+        put_into(mechanism, values.put_in(roots | others))
+        if roots | others
+        else mechanism
+    )
     return replace(found, symbols={**values.units, **found.symbols})
 
 
@@ -334,7 +362,9 @@ def copied(mechanism: Mechanism, ending: str) -> Mechanism:
         return mechanism
 
     def step(part: Placement | Motion) -> Placement | Motion:
-        return replace(part, name=part.name + ending) if isinstance(part, Motion) else part
+        return (
+            replace(part, name=part.name + ending) if isinstance(part, Motion) else part
+        )
 
     def body(one: Body) -> Body:
         steps = tuple(map(step, one.joint.steps))
@@ -376,7 +406,9 @@ def merged(mechanisms: Sequence[Mechanism]) -> Mechanism:
             replace(c, first=moved(c.first), second=moved(c.second))
             for c in one.closures
         ]
-    labelled = [replace(b, label=str(k), inertial=None) for k, b in enumerate(bodies, 1)]
+    labelled = [
+        replace(b, label=str(k), inertial=None) for k, b in enumerate(bodies, 1)
+    ]
     return Mechanism(
         mechanisms[0].name,
         tuple(labelled),
@@ -405,7 +437,9 @@ def touching(
     whole = {GROUND: np.eye(4)} | {
         k: np.vstack([frame, [0, 0, 0, 1]]) for k, frame in enumerate(frames)
     }
-    seen = np.linalg.solve(whole[sight.on], whole[sight.body] @ placement_matrix(tool, {}))
+    seen = np.linalg.solve(
+        whole[sight.on], whole[sight.body] @ placement_matrix(tool, {})
+    )
     if sight.kind == "plane":
         seen[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         seen[:3, :3] *= np.linalg.det(seen[:3, :3])
@@ -423,21 +457,36 @@ def touching(
     elif given is not None:
         seen[:3, :3] = placement_matrix(given, {})[:3, :3]
     outer = as_placement(seen, ASSEMBLED)
-    assembly = dict(mechanism.assembly) | dict(zip(mechanism.positions, at.tolist(), strict=True))
+    assembly = dict(mechanism.assembly) | dict(
+        zip(mechanism.positions, at.tolist(), strict=True)
+    )
     bodies, closures = list(mechanism.bodies), list(mechanism.closures)
     name = f"touch {sight.name}"
     if sight.kind in ("sphere", "distance"):
-        far = as_placement(np.block([[np.eye(3), bar[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), ASSEMBLED)
+        far = as_placement(
+            np.block([[np.eye(3), bar[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]),
+            ASSEMBLED,
+        )
         motion = ball(f"bar of {sight.name}")
         joint = Joint(f"bar of {sight.name}", "spherical", (outer, motion))
         label = f"bar_{symbol_stem(sight.name)}"
         bodies.append(Body(f"bar of {sight.name}", label, sight.on, joint, ()))
-        closures.append(Closure(name, ClosureKind.SPHERICAL, len(bodies) - 1, sight.body, far, tool))
+        closures.append(
+            Closure(name, ClosureKind.SPHERICAL, len(bodies) - 1, sight.body, far, tool)
+        )
     else:
-        kind = ClosureKind.POINT_ON_PLANE if sight.kind == "plane" else ClosureKind.SPHERICAL
+        kind = (
+            ClosureKind.POINT_ON_PLANE
+            if sight.kind == "plane"
+            else ClosureKind.SPHERICAL
+        )
         closures.append(Closure(name, kind, sight.on, sight.body, outer, tool))
     closed = replace(
-        mechanism, bodies=tuple(bodies), closures=tuple(closures), assembly=assembly, independent=()
+        mechanism,
+        bodies=tuple(bodies),
+        closures=tuple(closures),
+        assembly=assembly,
+        independent=(),
     )
     if not mechanism.positions:
         raise InputError("nothing moves", element=f"measure '{sight.name}'")

@@ -17,7 +17,14 @@ from echelon.base import LinearBase
 from echelon.calibration.calibrating import error_model, setup_for
 from echelon.calibration.fit import Fit, lift_of
 from echelon.excite import task_of
-from echelon.shared import CalibrationErrors, Count, Floats, InputError, one_thread, public
+from echelon.shared import (
+    CalibrationErrors,
+    Count,
+    Floats,
+    InputError,
+    one_thread,
+    public,
+)
 
 CANDIDATES = 2000
 """Random poses among which the best ones are chosen."""
@@ -53,7 +60,10 @@ class CalibrationPoses:
     def to_csv(self) -> str:
         """A table with one row for each pose."""
         rows = (",".join(map(repr, row)) for row in self.q.tolist())
-        return "\n".join([",".join(f"q_{name}" for name in self.coordinates), *rows]) + "\n"
+        return (
+            "\n".join([",".join(f"q_{name}" for name in self.coordinates), *rows])
+            + "\n"
+        )
 
     def __repr__(self) -> str:
         return f"CalibrationPoses({len(self.q)} poses, {self.base.rank} combinations)"

@@ -58,7 +58,9 @@ class CalibrationRecord(FiniteRecord):
 
 def calibration_schema() -> dict[str, Any]:
     """The JSON schema of the document."""
-    return published_schema("calibration", CalibrationRecord.model_json_schema(by_alias=True))
+    return published_schema(
+        "calibration", CalibrationRecord.model_json_schema(by_alias=True)
+    )
 
 
 def calibration_document(found: Calibration) -> dict[str, Any]:
@@ -75,12 +77,21 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
             shown=pivot not in found.hidden,
         )
         for expression, pivot, value, deviation, (low, high) in zip(
-            base.readable, base.pivots, found.values.tolist(), found.deviations.tolist(), found.intervals.tolist(),
+            base.readable,
+            base.pivots,
+            found.values.tolist(),
+            found.deviations.tolist(),
+            found.intervals.tolist(),
             strict=True,
         )
     ]
     scores = [
-        ScoreRecord(measurement=s.name, **{k: getattr(s, k) for k in ScoreRecord.model_fields if k != "measurement"})
+        ScoreRecord(
+            measurement=s.name,
+            **{
+                k: getattr(s, k) for k in ScoreRecord.model_fields if k != "measurement"
+            },
+        )
         for s in found.scores
     ]
     return CalibrationRecord(

@@ -23,7 +23,6 @@ from echelon.robot import (
     GROUND,
     Closure,
     Mechanism,
-    Placement,
     RecordedStep,
     Vec,
     apply,
@@ -65,7 +64,9 @@ class Sight:
     on: int  # that carries the outer frame
     tool: str
     frame: str
-    place: Floats = field(default_factory=lambda: np.eye(4))  # nominal frame of the tool on its body, shape (4, 4)
+    place: Floats = field(
+        default_factory=lambda: np.eye(4)
+    )  # nominal frame of the tool on its body, shape (4, 4)
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)  # in the tool's frame, m
     closure: Closure | None = None
 
@@ -88,7 +89,9 @@ class Sight:
     def measured(self) -> int:
         """Numbers that the log holds for each row."""
         fixed = self.kind == "distance" and self.radius is not None
-        return 0 if fixed else {"pose": 12, "position": 3, "distance": 1}.get(self.kind, 0)
+        return (
+            0 if fixed else {"pose": 12, "position": 3, "distance": 1}.get(self.kind, 0)
+        )
 
     @property
     def constrains(self) -> bool:
@@ -96,13 +99,17 @@ class Sight:
         return not self.measured
 
 
-def sights_of(mechanism: Mechanism, entries: Sequence[MeasureEntry]) -> tuple[Sight, ...]:
+def sights_of(
+    mechanism: Mechanism, entries: Sequence[MeasureEntry]
+) -> tuple[Sight, ...]:
     """Everything that some entries measure, and the robot's own loops."""
     entries = entries or (MeasureEntry(pose=_last_body(mechanism)),)
     places = [_place(mechanism, entry.body) for entry in entries]
     carriers = {body for body, _ in places}
     found: list[Sight] = []
-    for count, (entry, (body, place)) in enumerate(zip(entries, places, strict=True), 1):
+    for count, (entry, (body, place)) in enumerate(
+        zip(entries, places, strict=True), 1
+    ):
         name = entry.name or f"{entry.kind}{count}"
         on = GROUND if entry.on is None else _place(mechanism, entry.on)[0]
         if on == body:
@@ -131,12 +138,21 @@ def sights_of(mechanism: Mechanism, entries: Sequence[MeasureEntry]) -> tuple[Si
     for closure in mechanism.closures:
         ends = (f"{closure.name}_second", f"{closure.name}_first")
         found.append(
-            Sight(closure.name, None, closure.second, closure.first, *ends, closure=closure)
+            Sight(
+                closure.name,
+                None,
+                closure.second,
+                closure.first,
+                *ends,
+                closure=closure,
+            )
         )
     names = [sight.name for sight in found]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise InputError("two measurements have this name", element=f"measure '{twice}'")
+        raise InputError(
+            "two measurements have this name", element=f"measure '{twice}'"
+        )
     return tuple(found)
 
 
@@ -144,9 +160,13 @@ def _check(entry: MeasureEntry, name: str) -> None:
     """Refuse fields that say nothing about a kind of measurement."""
     where = f"measure '{name}'"
     if entry.points and entry.kind != "position":
-        raise InputError(f"points belong to a position, not to a {entry.kind}", element=where)
+        raise InputError(
+            f"points belong to a position, not to a {entry.kind}", element=where
+        )
     if entry.inverse and entry.kind != "pose":
-        raise InputError(f"inverse belongs to a pose, not to a {entry.kind}", element=where)
+        raise InputError(
+            f"inverse belongs to a pose, not to a {entry.kind}", element=where
+        )
     if entry.length is not None and entry.kind not in ("distance", "sphere"):
         raise InputError(f"a {entry.kind} has no length", element=where)
 
@@ -225,7 +245,9 @@ class SightRecorder:
             tool_errors = self._errors(sight.tool, parts, known=known)
             tool = reduce(moved, tool_errors, tool)
             outer = reduce(moved, outers[sight.frame], outer)
-            x, y, z = (self.recorder.program.constant(exact_number(v)) for v in sight.point)
+            x, y, z = (
+                self.recorder.program.constant(exact_number(v)) for v in sight.point
+            )
             tool = moved(tool, RecordedStep(None, (x, y, z)))
             yield sight, _seen_from(outer, tool)
 
@@ -251,14 +273,16 @@ class SightRecorder:
             inverse = sight.entry is not None and sight.entry.inverse
             if inverse:
                 turned = transpose(rotation)
-                rotation, x = turned, scale(apply(turned, x), -self.recorder.program.one)
+                rotation, x = (
+                    turned,
+                    scale(apply(turned, x), -self.recorder.program.one),
+                )
             return [*x, *(entry for row in rotation for entry in row)]
         if kind == "plane":
             return [x[2]]
         if kind in ("distance", "sphere"):
             return [self._distance(sight, x)]
         return list(x)
-
 
     def _distance(self, sight: Sight, x: Vec) -> Scalar:
         """A measured distance, or what it exceeds a fixed one by."""

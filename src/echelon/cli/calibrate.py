@@ -48,7 +48,9 @@ def calibrate(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Directory for calibration.json, calibration.html and the calibrated robot."
+            "--output",
+            "-o",
+            help="Directory for calibration.json, calibration.html and the calibrated robot.",
         ),
     ] = None,
     force: Force = False,
@@ -81,7 +83,11 @@ def calibrate(
         files = {} if target is None else _files(found)
     paths = [] if target is None else target.write_into(files)
     if as_json:
-        show(json_text({**calibration_document(found), "files": [str(path) for path in paths]}))
+        show(
+            json_text(
+                {**calibration_document(found), "files": [str(path) for path in paths]}
+            )
+        )
         return
     for line in lines(found):
         show(one_line(line))
@@ -119,19 +125,33 @@ def lines(found: Calibration) -> Sequence[str]:
     from math import degrees
 
     base = found.base
-    shown = [f"{base.model.name}: {base.rank} of {len(base.parameters)} errors show, in combinations"]
+    shown = [
+        f"{base.model.name}: {base.rank} of {len(base.parameters)} errors show, in combinations"
+    ]
     for score in found.scores:
         unit, factor = ("mm", 1e3) if score.unit == "m" else ("°", degrees(1))
-        before, after, median = (x * factor for x in (score.before, score.after, score.median))
+        before, after, median = (
+            x * factor for x in (score.before, score.after, score.median)
+        )
         shown.append(
             f"{score.name}, {score.rows} held-out rows: {before:.3g} {unit} before, {after:.3g} {unit} after (rms; "
             f"median {median:.3g} {unit})"
         )
     if found.outliers:
-        out = f"; {found.left_out} of them left out" if found.left_out else "; all of them kept"
-        shown.append(f"rows that noise does not explain: {'; '.join(found.outliers)}{out}")
+        out = (
+            f"; {found.left_out} of them left out"
+            if found.left_out
+            else "; all of them kept"
+        )
+        shown.append(
+            f"rows that noise does not explain: {'; '.join(found.outliers)}{out}"
+        )
     if found.hidden:
-        shown.append(f"the log does not show, so that they stay nominal: {', '.join(found.hidden)}")
+        shown.append(
+            f"the log does not show, so that they stay nominal: {', '.join(found.hidden)}"
+        )
     if found.redundant:
-        shown.append(f"redundant, for the other measurements show as much: {', '.join(found.redundant)}")
+        shown.append(
+            f"redundant, for the other measurements show as much: {', '.join(found.redundant)}"
+        )
     return shown

@@ -313,7 +313,7 @@ class LinearModel:
     p + 2·a·q
     """
 
-    generic: Mapping[str, str] = {}  # noqa: RUF012  replaced, never changed
+    generic: Mapping[str, str] = {}
 
     def __init__(
         self,
@@ -482,7 +482,9 @@ class LinearModel:
     @property
     def values(self) -> dict[str, float]:
         """Values of the constants that have one."""
-        generic = {n: float(stated_ball(text).mid()) for n, text in self.generic.items()}
+        generic = {
+            n: float(stated_ball(text).mid()) for n, text in self.generic.items()
+        }
         return generic | {
             name: float(Fraction(v))
             for name, v in self.constants.items()

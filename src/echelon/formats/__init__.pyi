@@ -52,5 +52,5 @@ from echelon.formats.writers.calibrated_writer import (
 from echelon.formats.writers.description_writer import (
     write_description as write_description,
 )
-from echelon.formats.writers.robot_writer import identified_robot as identified_robot
 from echelon.formats.writers.robot_writer import WrittenRobot as WrittenRobot
+from echelon.formats.writers.robot_writer import identified_robot as identified_robot

@@ -6,12 +6,12 @@ from echelon.identification.fit_findings import limited as limited
 from echelon.identification.identifying import identify as identify
 from echelon.identification.judge.judge import Judged as Judged
 from echelon.identification.judging import explained_rate as explained_rate
+from echelon.identification.logs.files.log_file import Table as Table
 from echelon.identification.logs.files.log_file import decoding as decoding
 from echelon.identification.logs.files.log_file import existing_file as existing_file
+from echelon.identification.logs.files.open_log import log_paths as log_paths
 from echelon.identification.logs.files.open_log import open_log as open_log
 from echelon.identification.logs.files.open_log import read_table as read_table
-from echelon.identification.logs.files.log_file import Table as Table
-from echelon.identification.logs.files.open_log import log_paths as log_paths
 from echelon.identification.logs.finding import Finding as Finding
 from echelon.identification.logs.finding import Severity as Severity
 from echelon.identification.logs.finding import counted as counted

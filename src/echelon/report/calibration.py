@@ -39,7 +39,9 @@ def calibration_html(found: Calibration) -> str:
     """
     contexts = {
         "header": _header(found),
-        "residuals": {"pictures": [_picture(*item) for item in found.residuals.items()]},
+        "residuals": {
+            "pictures": [_picture(*item) for item in found.residuals.items()]
+        },
         "combinations": _combinations(found),
     }
     return html_page(
@@ -60,7 +62,9 @@ def _header(found: Calibration) -> Context:
         unit, factor = ("mm", 1e3) if score.unit == "m" else ("°", degrees(1))
         values = (score.before, score.after, score.median)
         shown = [significant(value * factor, 3) for value in values]
-        scores.append({"name": score.name, "rows": score.rows, "unit": unit, "values": shown})
+        scores.append(
+            {"name": score.name, "rows": score.rows, "unit": unit, "values": shown}
+        )
     return {
         "robot": found.robot.mechanism.name,
         "scores": scores,
@@ -80,7 +84,10 @@ def _picture(name: str, sizes: tuple[Floats, Floats]) -> Context:
     most = max(float(np.max(sizes, initial=0.0)), 1e-12)
     many = max(len(sizes[0]) - 1, 1)
     points = [
-        [(WIDTH * k / many, HEIGHT * (1 - value / most)) for k, value in enumerate(size.tolist())]
+        [
+            (WIDTH * k / many, HEIGHT * (1 - value / most))
+            for k, value in enumerate(size.tolist())
+        ]
         for size in sizes
     ]
     title = name.rpartition(" (")[0]
@@ -106,7 +113,17 @@ def _combinations(found: Calibration) -> Context:
             "hidden": pivot in found.hidden,
         }
         for k, (pivot, unit, value, deviation) in enumerate(
-            zip(base.pivots, base.units, found.values.tolist(), found.deviations.tolist(), strict=True)
+            zip(
+                base.pivots,
+                base.units,
+                found.values.tolist(),
+                found.deviations.tolist(),
+                strict=True,
+            )
         )
     ]
-    return {"rows": rows, "unseen": found.unidentifiable, "certificate": str(base.certificate)}
+    return {
+        "rows": rows,
+        "unseen": found.unidentifiable,
+        "certificate": str(base.certificate),
+    }

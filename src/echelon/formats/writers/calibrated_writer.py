@@ -42,7 +42,12 @@ def calibrated_robot(
     remarks : sequence of str
         Lines at the head.
     """
-    if file is None or file.is_description or file.root.tag == "sdf" or mechanism.closures:
+    if (
+        file is None
+        or file.is_description
+        or file.root.tag == "sdf"
+        or mechanism.closures
+    ):
         return _description(mechanism, remarks)
     text = decoded(file.data, file.source)
     if file.root.tag == "mujoco":
@@ -55,14 +60,18 @@ def calibrated_robot(
         model.editor.insert_first(model.editor.root, comment(remarks))
         return WrittenRobot("calibrated.xml", model.editor.result(), tuple(remarks))
     editor = XmlEditor(text, file.source)
-    links = {link.joint: link for link in UrdfReader(file.root, file.source).read(True).links}
+    links = {
+        link.joint: link for link in UrdfReader(file.root, file.source).read(True).links
+    }
     for joint in editor.root.findall("joint"):
         parent = joint.find("parent")
         moved = moves.get("" if parent is None else str(parent.get("link")))
         if moved is None:
             continue
         first = next(iter(links[str(joint.get("name"))].steps), None)
-        nominal = np.eye(4) if joint.find("origin") is None else numeric_placement(first)  # type: ignore[arg-type]
+        nominal = (
+            np.eye(4) if joint.find("origin") is None else numeric_placement(first)
+        )  # type: ignore[arg-type]
         frame = moved @ nominal
         place = {
             "xyz": number_text(*frame[:3, 3]),
@@ -81,7 +90,10 @@ def calibrated_robot(
 
 
 def _move_bodies(
-    editor: XmlEditor, names: Mapping[object, str], spec: object, moves: Mapping[str, Floats]
+    editor: XmlEditor,
+    names: Mapping[object, str],
+    spec: object,
+    moves: Mapping[str, Floats],
 ) -> None:
     """Change the places of bodies on the bodies that carry them."""
     from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
@@ -96,7 +108,8 @@ def _move_bodies(
             frame = moves[name] @ nominal
             quaternion = rotation_quaternion(frame[:3, :3])
             editor.set_attributes(
-                child, {"pos": number_text(*frame[:3, 3]), "quat": number_text(*quaternion)}
+                child,
+                {"pos": number_text(*frame[:3, 3]), "quat": number_text(*quaternion)},
             )
             editor.drop_attributes(child, _ORIENTATIONS)
 

@@ -31,7 +31,9 @@ def logged_positions(
             advice = "say under  log  which columns are positions"
             raise InputError("; ".join([*found.problems, advice]), source=table.source)
         positions, unlogged = found.columns.positions, found.unlogged
-    logged = lock_joints(mechanism, dict.fromkeys(unlogged, 0.0)) if unlogged else mechanism
+    logged = (
+        lock_joints(mechanism, dict.fromkeys(unlogged, 0.0)) if unlogged else mechanism
+    )
     # nothing moves while poses are measured, so that any clock will do
     chosen = ColumnMap(rate=1.0, positions=positions)
     found_q = recording(replace(table, clocks={}), chosen, logged).signals["q"]
