@@ -103,8 +103,22 @@ def axes(width: float = 7.0, height: float = 3.0, count: int = 1) -> Any:
     )
 
 
+def residuals() -> str:
+    """Residuals of the example of a calibration, before and after."""
+    import echelon
+    from echelon.report import calibration_html
+
+    folder = ROOT / "examples" / "calibration"
+    html = calibration_html(
+        echelon.calibrate(folder / "arm.yaml", folder / "tracker.csv")
+    )
+    svg = re.search(r"<svg viewBox=.*?</svg>", html, re.DOTALL)
+    assert svg is not None
+    return svg[0].replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1) + "\n"
+
+
 def write(folder: Path) -> None:
-    """The two pictures of README, and that of the rooms."""
+    """The two pictures of README, that of the rooms, and that of a calibration."""
     import echelon
     from rooms_picture import picture
 
@@ -112,6 +126,7 @@ def write(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "panda.svg").write_text(robot(base).svg, encoding="utf-8")
     (folder / "panda-structure.svg").write_text(structure(base).svg, encoding="utf-8")
+    (folder / "calibration.svg").write_text(residuals(), encoding="utf-8")
     (folder / "rooms.svg").write_text(picture(), encoding="utf-8")
 
 

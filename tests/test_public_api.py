@@ -17,13 +17,15 @@ import pytest
 import echelon as ec
 
 PUBLIC = [
-    "AssemblyWarning", "Audit", "BaseModel", "CertificateError", "ClosedFormError", "DoubtWarning", "EchelonError",
+    "AssemblyWarning", "Audit", "BaseModel", "Calibration", "CalibrationPoses",
+    "CalibrationScore", "CertificateError", "ClosedFormError", "DoubtWarning", "EchelonError",
     "Estimate",
     "ExcitingTrajectory", "Expression", "Identifiability", "Identification", "InputError", "LinearBase",
     "LinearModel", "Match", "Mechanism", "MissingExtraError", "NormalEquations", "NumericComparison",
     "Observation", "Payload", "RecordedRows", "RowSpaces", "SensorReport", "ServoFit", "Setup", "SpecialGeometry",
     "Structure", "SymbolicRegressor", "Trajectory", "Verdict", "__version__",
-    "audit", "base_parameters", "base_structure", "compare_numeric", "convert",
+    "audit", "base_parameters", "base_structure", "calibrate", "calibration_base", "calibration_html",
+    "calibration_poses", "compare_numeric", "convert",
     "convert_columns", "drive_gains", "energy_regressor", "exciting_trajectory", "fit_servos", "gains_from_logs",
     "generate", "identify", "information_of_logs", "joint_side", "judged_trajectory", "load", "load_base",
     "load_identified", "load_linear", "load_linear_base", "load_model", "load_setup", "match", "power_regressor",

@@ -191,7 +191,7 @@ def test_round_trip(robot: Callable[[], Mechanism]) -> None:
 
 
 @pytest.mark.parametrize(
-    "file", ["robot", "base_model", "linear_base", "identified", "trajectory"]
+    "file", ["robot", "base_model", "linear_base", "identified", "trajectory", "calibration"]
 )
 def test_published_schemas_are_up_to_date(file: str) -> None:
     expected = {
@@ -200,6 +200,7 @@ def test_published_schemas_are_up_to_date(file: str) -> None:
         "linear_base": lambda: result_schema(LinearBaseRecord),
         "identified": lambda: result_schema(IdentifiedRecord),
         "trajectory": trajectory_schema,
+        "calibration": calibration_schema,
     }[file]()
     path = ROOT / f"schemas/{file}.schema.json"
     assert json.loads(path.read_text()) == expected, (

@@ -65,7 +65,7 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
                 steps += _changed(_behind(step, labels[step.name], values))
         if motions:
             move = _behind(motions[-1], labels[motions[-1].name], values)
-            after = np.eye(4)
+            after: Floats = np.eye(4)
             for step in body.joint.steps[body.joint.steps.index(motions[-1]) + 1 :]:
                 assert isinstance(step, Placement)
                 after = after @ placement_matrix(step, known)

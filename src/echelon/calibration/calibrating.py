@@ -1,10 +1,11 @@
-"""The job ``calibrate``: from a robot and logs of poses to a calibrated geometry, judged by poses that it did not see."""
+"""The job ``calibrate``: from a robot and logs of poses to a calibrated geometry, judged by held-out poses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,10 @@ class Calibration:
     @cached_property
     def written(self) -> WrittenRobot:
         """The robot's file with the calibrated geometry."""
-        remarks = ["Geometry calibrated with Echelon."]
+        remarks = [
+            "Geometry calibrated with Echelon.",
+            "Small angles are meant: Echelon reads them as they stand with --snap-tolerance 0.",
+        ]
         beside = [
             name
             for name in self.errors
@@ -278,7 +282,7 @@ def calibration_base(
 
 
 def redundant_sights(
-    model: ErrorModel, base: LinearBase, frames: Mapping[str, Floats]
+    model: ErrorModel, frames: Mapping[str, Floats]
 ) -> tuple[str, ...]:
     """Measurements that show no more of the robot than the others, beside their own frames.
 
@@ -288,18 +292,20 @@ def redundant_sights(
     entries = {sight.name.partition(".")[0]: sight.entry for sight in model.sights}
     if len(entries) < 2 or any(sight.constrains for sight in model.sights):
         return ()
+    whole = _shown_of_robot(model, frames)
     for name, entry in entries.items():
         others = tuple(sight for sight in model.sights if sight.entry is not entry)
         less = ErrorModel(model.mechanism, others, model.kinds)
-        kept = {error.name for error in less.errors}
-        own = [e.name for e in model.errors if e.name not in kept]
-        rank = less.base(frames).rank
-        if own:
-            first = base_parameters(base.model, prefer=own)
-            rank += len(set(first.pivots) & set(own))
-        if rank == base.rank:
+        if _shown_of_robot(less, frames) == whole:
             found.append(name)
     return tuple(found)
+
+
+def _shown_of_robot(model: ErrorModel, frames: Mapping[str, Floats]) -> int:
+    """Number of combinations that show beside those of frames that nobody knows."""
+    unknown = [error.name for error in model.errors if error.usual == inf]
+    base = base_parameters(model.linear(frames, None), prefer=unknown)
+    return base.rank - len(set(base.pivots) & set(unknown))
 
 
 def _touching_pose(data: Observed, model: ErrorModel) -> Floats | None:
@@ -307,7 +313,8 @@ def _touching_pose(data: Observed, model: ErrorModel) -> Floats | None:
     touched = [k for k, sight in enumerate(model.sights) if sight.constrains]
     if not touched:
         return None
-    return data.q[np.flatnonzero(data.present[:, touched[0]])[0]]
+    first: Floats = data.q[np.flatnonzero(data.present[:, touched[0]])[0]]
+    return first
 
 
 def _result(
@@ -329,14 +336,17 @@ def _result(
     ):
         rows = held.present[:, channel.sight]
         if rows.any():
-            root = (float(np.sqrt(np.mean(size[rows] ** 2))) for size in (first, last))
+            start, end = (
+                float(np.sqrt(np.mean(size[rows] ** 2))) for size in (first, last)
+            )
             median = float(np.median(last[rows]))
             scores.append(
                 CalibrationScore(
                     channel.name,
                     channel.unit,
                     int(rows.sum()),
-                    *root,
+                    start,
+                    end,
                     median,
                     float(noise),
                 )
@@ -356,7 +366,7 @@ def _result(
     errors = dict(
         zip((e.name for e in model.errors), found.state.errors.tolist(), strict=True)
     )
-    robot = applied(model.mechanism, {k: v for k, v in errors.items()})
+    robot = applied(model.mechanism, errors)
     state = fit.absorbed(found.state)
     ends = {
         name
@@ -397,7 +407,7 @@ def _result(
         deviations,
         np.column_stack([found.z - half, found.z + half]),
         tuple(hidden),
-        redundant_sights(model, base, nominal.frames),
+        redundant_sights(model, nominal.frames),
         kept,
         tuple(scores),
         _outliers(model, data, found.outlying),

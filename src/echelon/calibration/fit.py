@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -184,7 +185,7 @@ class Fit:
         loss: str,
         start: Floats | None = None,
         columns: Sequence[int] | None = None,
-        **options: object,
+        **options: Any,
     ) -> tuple[Floats, Floats]:
         """Coordinates of the errors along some directions, and the Jacobian of all weighted rows there."""
         scales = self.scales(state.noise)
@@ -206,8 +207,9 @@ class Fit:
             return np.vstack([found[keep], prior])
 
         start = np.zeros(basis.shape[1]) if start is None else start
-        found = least_squares(value, start, slope, loss=loss, x_scale="jac", **options)  # type: ignore[arg-type]
-        return found.x, found.jac
+        found = least_squares(value, start, slope, loss=loss, x_scale="jac", **options)
+        jacobian: Floats = found.jac
+        return found.x, jacobian
 
     # -- frames that nobody knows ------------------------------------------------------------------------------------
 
@@ -249,7 +251,7 @@ class Fit:
         """Sum of squares of weighted rows."""
         return float(((self.residuals(state) * self.scales(state.noise)) ** 2).sum())
 
-    def framed(self, state: State, loss: str = "soft_l1", **options: object) -> State:
+    def framed(self, state: State, loss: str = "soft_l1", **options: Any) -> State:
         """A state with frames nearer to the best ones, and no errors of them."""
         columns = np.flatnonzero(self.unknown)
         basis = np.eye(len(self.usual))[:, columns]
@@ -324,7 +326,7 @@ class Fit:
                 state, noise=self.noise(at, used, len(z), robust=loss != "linear")
             )
             at = replace(at, noise=state.noise)
-        covariance = np.linalg.inv(jacobian.T @ jacobian)
+        covariance: Floats = np.linalg.inv(jacobian.T @ jacobian)
         return Fitted(at, z, covariance, spread, used, named, self.data.present & ~used)
 
     def noise(

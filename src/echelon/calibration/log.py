@@ -17,7 +17,7 @@ from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import Sight
 from echelon.identification import Setup, Table, factor, logged_positions, read_table
 from echelon.robot import GROUND
-from echelon.shared import Floats, InputError, extra, locating, nearest_of
+from echelon.shared import Flags, Floats, InputError, extra, locating, nearest_of
 
 with extra("identify"):
     from scipy.spatial.transform import Rotation
@@ -68,7 +68,8 @@ def observed(
                 source=joined.source,
                 element=f"measure '{sight.name}'",
             )
-    return joined.part(joined.present.any(axis=1))
+    measured: Flags = joined.present.any(axis=1)
+    return joined.part(measured)
 
 
 def _of_table(model: ErrorModel, setup: Setup, table: Table) -> Observed:
@@ -86,9 +87,9 @@ def _of_table(model: ErrorModel, setup: Setup, table: Table) -> Observed:
     usable = np.isfinite(q).all(axis=1)
     present = [np.isfinite(value).all(axis=1) & usable for value in values]
     clean = tuple(np.nan_to_num(value) for value in values)
-    rows = np.arange(1, len(q) + 1)
+    numbers = np.arange(1.0, len(q) + 1)
     return Observed(
-        table.source, np.nan_to_num(q), clean, np.column_stack(present), rows
+        table.source, np.nan_to_num(q), clean, np.column_stack(present), numbers
     )
 
 
@@ -109,7 +110,7 @@ def _check_unlogged(model: ErrorModel, unlogged: Sequence[str], source: str) -> 
                 )
 
 
-def _rows_of(table: Table, sight: Sight, count: int) -> Floats:
+def _rows_of(table: Table, sight: Sight, count: int) -> Flags:
     """Rows that measure a sight, as flags."""
     chosen = np.ones(count, dtype=bool)
     for name, value in ({} if sight.entry is None else sight.entry.where).items():
@@ -235,7 +236,7 @@ def _rotation(parts: Floats, *, angles: bool) -> Floats:
         return Rotation.from_quat(parts[:, [1, 2, 3, 0]]).as_matrix()
     matrices = parts.reshape(-1, 3, 3)
     left, _, right = np.linalg.svd(matrices)
-    nearest = left @ right
+    nearest: Floats = left @ right
     if len(parts) and (
         np.abs(nearest - matrices).max() > LARGEST_SKEW
         or np.linalg.det(nearest).min() < 0

@@ -283,8 +283,8 @@ class ErrorModel:
             return model
         whole = merged(found)
         found_loops = loops_of(whole, Recorder(whole, at_zero))
-        loops = PoseLoops(whole, found_loops.equations, None)
-        model.regressor = replace(model.regressor, loops=loops)
+        closing = PoseLoops(whole, found_loops.equations, None)
+        model.regressor = replace(model.regressor, loops=closing)
         return model
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import ConfigDict, Field
@@ -95,7 +96,7 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
         for s in found.scores
     ]
     return CalibrationRecord(
-        schema_=SCHEMA,
+        schema=SCHEMA,
         robot=found.robot.mechanism.name,
         rank=base.rank,
         certificate=str(base.certificate),
@@ -110,5 +111,5 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
     ).model_dump(by_alias=True)
 
 
-def _listed(frames: dict[str, Floats]) -> dict[str, list[list[float]]]:
+def _listed(frames: Mapping[str, Floats]) -> dict[str, list[list[float]]]:
     return {name: frame.tolist() for name, frame in frames.items()}

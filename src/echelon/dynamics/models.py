@@ -474,7 +474,7 @@ class LinearModel:
             name: str(value)
             for name, value in self.constants.items()
             if value is not None
-        } | self.generic
+        } | dict(self.generic)
         self.regressor = LinearForms(
             program, entries, (len(rows), len(self.parameters)), values=stated
         )

@@ -1,16 +1,17 @@
 """A robot file with a calibrated geometry: origins of joints change, and nothing else in the file.
 
-What is fixed to a body sits elsewhere on it than the file says, by a small change of frame; so the origins of the joints
-that a body carries change, and a joint that carries none keeps its own.
+What is fixed to a body sits elsewhere on it than the file says, by a small change of frame.  So the origins of the
+joints that a body carries change.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from echelon.formats.literal import numeric_placement, roll_pitch_yaw
+from echelon.formats.literal import LiteralPlacement, numeric_placement, roll_pitch_yaw
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.urdf.urdf_reader import UrdfReader
 from echelon.formats.writers.description_writer import write_description
@@ -68,16 +69,16 @@ def calibrated_robot(
         moved = moves.get("" if parent is None else str(parent.get("link")))
         if moved is None:
             continue
-        first = next(iter(links[str(joint.get("name"))].steps), None)
-        nominal = (
-            np.eye(4) if joint.find("origin") is None else numeric_placement(first)
-        )  # type: ignore[arg-type]
+        origin = joint.find("origin")
+        steps = links[str(joint.get("name"))].steps
+        first = steps[0] if steps and origin is not None else None
+        placed = isinstance(first, LiteralPlacement)
+        nominal = numeric_placement(first) if placed else np.eye(4)  # type: ignore[arg-type]
         frame = moved @ nominal
         place = {
             "xyz": number_text(*frame[:3, 3]),
             "rpy": number_text(*roll_pitch_yaw(frame[:3, :3])),
         }
-        origin = joint.find("origin")
         text = f'<origin xyz="{place["xyz"]}" rpy="{place["rpy"]}"/>'
         if origin is None:
             editor.insert_first(joint, [text])
@@ -91,27 +92,27 @@ def calibrated_robot(
 
 def _move_bodies(
     editor: XmlEditor,
-    names: Mapping[object, str],
-    spec: object,
+    names: Mapping[Any, str],
+    spec: Any,
     moves: Mapping[str, Floats],
 ) -> None:
     """Change the places of bodies on the bodies that carry them."""
     from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 
-    model = spec.compile()  # type: ignore[attr-defined]
+    model = spec.compile()
     for parent, name in names.items():
-        for child in parent.findall("body") if name in moves else ():  # type: ignore[attr-defined]
+        for child in parent.findall("body") if name in moves else ():
             body = model.body(names[child])
             nominal = np.eye(4)
             nominal[:3, 3] = body.pos
             nominal[:3, :3] = np.array(quaternion_matrix(tuple(body.quat)), dtype=float)
             frame = moves[name] @ nominal
             quaternion = rotation_quaternion(frame[:3, :3])
-            editor.set_attributes(
-                child,
-                {"pos": number_text(*frame[:3, 3]), "quat": number_text(*quaternion)},
-            )
-            editor.drop_attributes(child, _ORIENTATIONS)
+            place = {
+                "pos": number_text(*frame[:3, 3]),
+                "quat": number_text(*quaternion),
+            }
+            editor.set_attributes(child, place, _ORIENTATIONS)
 
 
 def _description(mechanism: Mechanism, remarks: Sequence[str]) -> WrittenRobot:
