@@ -133,14 +133,14 @@ def test_unknown_errors_are_refused() -> None:
 
 
 def test_redundant_measurements_are_named() -> None:
-    log = dict(pose_log(ec.load(URDF)))
-    log["bar"] = np.linalg.norm([log["x"], log["y"], log["z"]], axis=0)
-    measure = [
-        {"pose": "three"},
-        {"distance": "three", "columns": "bar", "tool": "tip"},
-    ]
-    found = ec.calibrate(URDF, log, measure=measure)
-    assert found.redundant == ("distance2",)
+    robot = ec.load(URDF)
+    log = pose_log(robot)
+    q = np.column_stack([log[f"q_{name}"] for name in robot.positions])
+    elbow = np.array(body_frames(pinocchio_model(robot), q, {}))[:, 1, :3, 3]
+    log |= {f"e_{axis}": elbow[:, k] for k, axis in enumerate("xyz")}
+    second = {"position": "two", "columns": "e_", "tool": "elbow"}
+    found = ec.calibrate(robot, log, measure=[{"pose": "three"}, second])
+    assert found.redundant == ("position2",)
 
 
 def test_chosen_poses_show_more_than_random_ones_within_limits(tmp_path: Path) -> None:

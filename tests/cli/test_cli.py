@@ -246,7 +246,13 @@ def test_errors_stay_one_line_whatever_the_names() -> None:
 @pytest.mark.parametrize(
     "command",
     [
-        "derive", "verify", "schema", "identify", "predict", "excite", "check-trajectory",
+        "derive",
+        "verify",
+        "schema",
+        "identify",
+        "predict",
+        "excite",
+        "check-trajectory",
         "calibrate",
     ],
 )

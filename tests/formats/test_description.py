@@ -15,6 +15,7 @@ import yaml
 import echelon as ec
 from echelon.base.saved.schema import BaseModelRecord, LinearBaseRecord
 from echelon.base.saved.schema import json_schema as result_schema
+from echelon.calibration import calibration_schema
 from echelon.excite.files.trajectory_file import trajectory_schema
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.schema.robot_schema import json_schema
@@ -191,7 +192,8 @@ def test_round_trip(robot: Callable[[], Mechanism]) -> None:
 
 
 @pytest.mark.parametrize(
-    "file", ["robot", "base_model", "linear_base", "identified", "trajectory", "calibration"]
+    "file",
+    ["robot", "base_model", "linear_base", "identified", "trajectory", "calibration"],
 )
 def test_published_schemas_are_up_to_date(file: str) -> None:
     expected = {

@@ -68,7 +68,7 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
             after: Floats = np.eye(4)
             for step in body.joint.steps[body.joint.steps.index(motions[-1]) + 1 :]:
                 assert isinstance(step, Placement)
-                after = after @ placement_matrix(step, known)
+                after = np.asarray(after @ placement_matrix(step, known), float)
             move = np.linalg.solve(after, move @ after)
             move = move @ error_frame(values, f"{labels[motions[-1].name]}a")
             if not np.array_equal(move, np.eye(4)):

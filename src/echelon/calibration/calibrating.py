@@ -30,9 +30,6 @@ from echelon.shared import (
     symbol_stem,
 )
 
-with extra("identify"):
-    from scipy.special import stdtrit
-
 UNSEEN = 0.5
 """Share of the usual deviation of a combination that is left when the log says nothing of it."""
 LEVEL = 0.95
@@ -327,6 +324,9 @@ def _result(
     held: Observed,
 ) -> Calibration:
     """Everything that a user reads."""
+    with extra("identify"):
+        from scipy.special import stdtrit
+
     model, data = fit.model, fit.data
     before = fit.sizes(fit.residuals(nominal, held))
     after = fit.sizes(fit.residuals(judged.state, held))

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, sqrt
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,12 +23,10 @@ from echelon.base import LinearBase
 from echelon.calibration.frames import error_frame
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import Sight
+from echelon.robot import rotation_of
 from echelon.shared import Flags, Floats, InputError, extra, one_thread, symbol_stem
 
-with extra("identify"):
-    from scipy.optimize import least_squares
-    from scipy.spatial.transform import Rotation
-    from scipy.special import chdtri
+Loss = Literal["linear", "soft_l1"]
 
 LOOSE = 10.0
 """Standard deviation of frames that nobody knows, m and rad: more than any cell is wide."""
@@ -182,12 +180,15 @@ class Fit:
         basis: Floats,
         prior: Floats,
         used: Flags,
-        loss: str,
+        loss: Loss,
         start: Floats | None = None,
         columns: Sequence[int] | None = None,
         **options: Any,
     ) -> tuple[Floats, Floats]:
         """Coordinates of the errors along some directions, and the Jacobian of all weighted rows there."""
+        with extra("identify"):
+            from scipy.optimize import least_squares
+
         scales = self.scales(state.noise)
         weights = np.zeros((len(self.data), len(scales)))
         for place, rows in zip(used.T, self.model.rows, strict=True):
@@ -208,7 +209,7 @@ class Fit:
 
         start = np.zeros(basis.shape[1]) if start is None else start
         found = least_squares(value, start, slope, loss=loss, x_scale="jac", **options)
-        jacobian: Floats = found.jac
+        jacobian = np.asarray(found.jac, dtype=float)
         return found.x, jacobian
 
     # -- frames that nobody knows ------------------------------------------------------------------------------------
@@ -251,7 +252,7 @@ class Fit:
         """Sum of squares of weighted rows."""
         return float(((self.residuals(state) * self.scales(state.noise)) ** 2).sum())
 
-    def framed(self, state: State, loss: str = "soft_l1", **options: Any) -> State:
+    def framed(self, state: State, loss: Loss = "soft_l1", **options: Any) -> State:
         """A state with frames nearer to the best ones, and no errors of them."""
         columns = np.flatnonzero(self.unknown)
         basis = np.eye(len(self.usual))[:, columns]
@@ -300,7 +301,9 @@ class Fit:
             for name in (sight.tool, sight.frame):
                 turned = np.eye(4)
                 if rng is not None and sight.closure is None:
-                    turned[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+                    quaternion = rng.normal(size=4)
+                    quaternion /= np.linalg.norm(quaternion)
+                    turned[:3, :3] = rotation_of(quaternion)
                 at = sight.place @ turned if name == sight.tool else turned
                 found.setdefault(name, at)
         return found
@@ -315,7 +318,8 @@ class Fit:
         used = self.data.present
         state = replace(state, noise=self.first_noise())
         z, named = np.zeros(len(b)), np.zeros_like(used)
-        loss, at = "soft_l1", state
+        at = state
+        loss: Loss = "soft_l1"
         for count in range(2 * ROUNDS):
             if count == ROUNDS:
                 used, loss = self.data.present & ~self.outlying(at, GROSS), "linear"
@@ -326,7 +330,7 @@ class Fit:
                 state, noise=self.noise(at, used, len(z), robust=loss != "linear")
             )
             at = replace(at, noise=state.noise)
-        covariance: Floats = np.linalg.inv(jacobian.T @ jacobian)
+        covariance = np.linalg.inv(np.asarray(jacobian.T @ jacobian, dtype=float))
         return Fitted(at, z, covariance, spread, used, named, self.data.present & ~used)
 
     def noise(
@@ -359,12 +363,20 @@ class Fit:
         for k, rows in enumerate(self.model.rows):
             many = sum(c.per_row for c in self.channels if c.sight == k)
             present = self.data.present[:, k]
-            limit = chdtri(many, OUTLYING / max(present.sum(), 1))
-            limit = max(limit, least**2 * chdtri(many, 0.5))
+            limit = chi_squared(many, OUTLYING / max(present.sum(), 1))
+            limit = max(limit, least**2 * chi_squared(many, 0.5))
             far = present & (left[:, rows].sum(axis=1) > limit)
             if far.sum() <= MOST_OUTLIERS * present.sum():
                 found[:, k] = far
         return found
+
+
+def chi_squared(numbers: int, beyond: float) -> float:
+    """Value that the sum of squares of some normal numbers exceeds with a probability."""
+    with extra("identify"):
+        from scipy.special import chdtri
+
+    return float(chdtri(numbers, beyond))
 
 
 def lift_of(b: Floats, usual: Floats) -> tuple[Floats, Floats, Floats]:

@@ -9,10 +9,7 @@ import numpy as np
 
 from echelon.algebra import as_polynomial
 from echelon.robot import Placement, rational_rotation, rotation_quaternion, shift
-from echelon.shared import Floats, extra
-
-with extra("identify"):
-    from scipy.spatial.transform import Rotation
+from echelon.shared import Floats
 
 DECIMALS = 12
 """Decimals of calibrated frames, m and rad: far below what any measurement shows."""
@@ -23,7 +20,11 @@ def error_frame(values: Mapping[str, float], ending: str) -> Floats:
     frame = np.eye(4)
     frame[:3, 3] = [values.get(f"p{axis}{ending}", 0.0) for axis in "xyz"]
     turns = [values.get(f"r{axis}{ending}", 0.0) for axis in "xyz"]
-    frame[:3, :3] = Rotation.from_euler("XYZ", turns).as_matrix()
+    for axis, angle in enumerate(turns):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turned, (c, s) = np.eye(3), (np.cos(angle), np.sin(angle))
+        turned[i, i], turned[i, j], turned[j, i], turned[j, j] = c, -s, s, c
+        frame[:3, :3] = frame[:3, :3] @ turned
     return frame
 
 

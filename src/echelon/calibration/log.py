@@ -19,9 +19,6 @@ from echelon.identification import Setup, Table, factor, logged_positions, read_
 from echelon.robot import GROUND
 from echelon.shared import Flags, Floats, InputError, extra, locating, nearest_of
 
-with extra("identify"):
-    from scipy.spatial.transform import Rotation
-
 _SHIFT = ("x", "y", "z")
 _MATRIX = tuple(f"r{i}{j}" for i in "123" for j in "123")
 ROTATIONS = {
@@ -68,7 +65,7 @@ def observed(
                 source=joined.source,
                 element=f"measure '{sight.name}'",
             )
-    measured: Flags = joined.present.any(axis=1)
+    measured = np.asarray(joined.present.any(axis=1))
     return joined.part(measured)
 
 
@@ -223,6 +220,9 @@ def _values(
 
 def _rotation(parts: Floats, *, angles: bool) -> Floats:
     """Rotation matrices, shape (N, 3, 3)."""
+    with extra("identify"):
+        from scipy.spatial.transform import Rotation
+
     if angles:
         return Rotation.from_euler("xyz", parts).as_matrix()
     if parts.shape[1] == 3:

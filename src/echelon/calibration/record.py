@@ -11,7 +11,7 @@ from echelon.base import FiniteRecord
 from echelon.calibration.calibrating import Calibration
 from echelon.shared import Floats, published_schema
 
-SCHEMA = "echelon.calibration/1"
+SCHEMA: Literal["echelon.calibration/1"] = "echelon.calibration/1"
 
 
 class CombinationRecord(FiniteRecord):
