@@ -65,11 +65,11 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
                 steps += _changed(_behind(step, labels[step.name], values))
         if motions:
             move = _behind(motions[-1], labels[motions[-1].name], values)
-            after: Floats = np.eye(4)
+            after = np.eye(4)
             for step in body.joint.steps[body.joint.steps.index(motions[-1]) + 1 :]:
                 assert isinstance(step, Placement)
-                after = np.asarray(after @ placement_matrix(step, known), float)
-            move = np.linalg.solve(after, move @ after)
+                after = after @ placement_matrix(step, known)
+            move = np.asarray(np.linalg.solve(after, move @ after), dtype=float)
             move = move @ error_frame(values, f"{labels[motions[-1].name]}a")
             if not np.array_equal(move, np.eye(4)):
                 moves[body.name] = move

@@ -349,7 +349,7 @@ class Fit:
             left = size[used[:, channel.sight]] / sqrt(channel.per_row)
             if robust:
                 typical = np.median(left) / sqrt(
-                    chdtri(channel.per_row, 0.5) / channel.per_row
+                    chi_squared(channel.per_row, 0.5) / channel.per_row
                 )
             else:
                 typical = np.sqrt(np.mean(left**2))
