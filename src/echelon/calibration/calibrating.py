@@ -203,7 +203,7 @@ def calibrate(
     >>> import echelon as ec
     >>> found = ec.calibrate("examples/calibration/arm.yaml", "examples/calibration/tracker.csv")
     >>> found.base.rank, found.outliers
-    (22, ())
+    (33, ())
     """
     say = on_step or (lambda _: None)
     setup = setup_for(robot)
