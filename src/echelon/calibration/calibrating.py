@@ -424,7 +424,7 @@ def _outliers(model: ErrorModel, data: Observed, outlying: Flags) -> tuple[str, 
     """Rows that normal noise does not explain, by measurement."""
     found = []
     for k, sight in enumerate(model.sights):
-        rows = data.rows[outlying[:, k]].tolist()
+        rows = data.rows[outlying[:, k]].astype(int).tolist()
         if rows:
             found.append(f"{sight.name}: row {', '.join(map(str, rows))}")
     return tuple(found)

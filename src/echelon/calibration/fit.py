@@ -38,9 +38,9 @@ STARTS, AGREEING = 60, 3
 """Random rotations of unknown frames at most, and how often the best fit must be found."""
 SAME_COST = 1e-3
 """Relative difference of fits that count as one."""
-START_ROWS = 40
+START_ROWS = 25
 """Rows by which starts are compared."""
-ROUNDS = 4
+ROUNDS = 3
 """Estimates of the noise, each with the weights of the one before."""
 GROSS = 8.0
 """Size of a residual, beside the usual one, at which a row is left out; smaller ones are named and kept."""
