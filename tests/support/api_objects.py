@@ -300,7 +300,10 @@ def error(kind: type[Exception], *values: Any, **named: Any) -> Example:
 
 
 OBJECTS: Mapping[str, Example] = {
-    "calibration": Example(calibration),
+    "calibration": Example(calibration, lambda found: found.written.text),
+    "measurements": Example(
+        lambda: ec.load_setup(EXAMPLES / "calibration" / "arm.yaml")
+    ),
     "calibration score": Example(lambda: calibration().scores[0]),
     "calibration poses": Example(
         lambda: ec.calibration_poses(EXAMPLES / "calibration" / "arm.yaml", 12)
