@@ -177,3 +177,17 @@ def test_frames_that_no_table_has_are_refused() -> None:
 def test_masses_that_nobody_states_bend_nothing() -> None:
     with pytest.raises(ec.InputError, match="its mass is not stated"):
         ec.calibration_base("examples/panda.yaml", errors=("frames", "stiffness"))
+
+
+@pytest.mark.parametrize("ending", ["yaml", "xml"])
+def test_loops_measure_themselves(ending: str) -> None:
+    robot = f"examples/loops/four_bar.{ending}"
+    loop = ec.calibration_base(robot, measure=[{"pose": "coupler"}])
+    assert "closed states" in str(loop.certificate)
+    assert any("pin_first" in name or "_first" in name for name in loop.parameters)
+
+
+def test_surfaces_are_touched_at_numbers() -> None:
+    arm = "echelon: 1\nsymbols: {l: null}\nmodified_dh: [{joint: revolute}, {joint: revolute, a: l}]\n"
+    with pytest.raises(ec.InputError, match="give all symbols values"):
+        ec.calibration_base(arm, measure=[{"plane": "j2"}])

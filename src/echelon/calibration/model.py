@@ -47,8 +47,11 @@ from echelon.robot import (
     Placement,
     RecordedStep,
     Recorder,
+    all_symbols,
     ball,
+    has_values,
     in_numbers,
+    known_values,
     placement_matrix,
     stated_values,
     symbol_values,
@@ -232,6 +235,12 @@ class ErrorModel:
         loops = [sight for sight in closed if sight.closure is not None]
         groups = [[*free, *loops]] if free or loops else []
         groups += [[sight] for sight in closed if sight.closure is None]
+        if closed and not has_values(self.mechanism):
+            silent = all_symbols(self.mechanism) - known_values(self.mechanism).keys()
+            raise InputError(
+                "loops and touched surfaces close at numbers only: give all symbols values",
+                element=f"symbol '{min(silent)}'",
+            )
         mechanism = in_numbers(self.mechanism) if closed else rational(self.mechanism)
         found: list[Mechanism] = []
         recorders: list[ErredRecorder] = []

@@ -238,7 +238,8 @@ class SightRecorder:
             known = sight.closure is not None
             tool, outer = frames[sight.body], frames[sight.on]
             if sight.closure is not None:
-                first, second = sight.closure.placements
+                stated = {c.name: c for c in self.recorder.mechanism.closures}
+                first, second = stated[sight.closure.name].placements
                 tool = moved(tool, self.recorder.placement(second))
                 outer = moved(outer, self.recorder.placement(first))
             parts = _SHIFTS if sight.is_marker else COMPONENTS
