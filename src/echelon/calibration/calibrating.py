@@ -13,7 +13,7 @@ import numpy as np
 from echelon.algebra import DEFAULT_SEED
 from echelon.base import Identifiability, LinearBase, base_parameters
 from echelon.calibration.applied import Applied, applied
-from echelon.calibration.fit import Fit, Fitted, Observed, State
+from echelon.calibration.fit import Fitted, GeometryFit, Observed, State
 from echelon.calibration.log import observed
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import sights_of
@@ -41,7 +41,7 @@ HELD = 2
 @public
 @dataclass(frozen=True)
 class CalibrationScore:
-    """What is left of one measurement in rows that were held out.
+    """Residuals of one measurement in rows that were held out.
 
     Attributes
     ----------
@@ -213,12 +213,12 @@ def calibrate(
     odd = np.arange(len(data)) % HELD == HELD - 1
     fitting, held = data.part(~odd), data.part(odd)
     say("finding frames")
-    nominal = Fit(model, fitting, seed).start()
+    nominal = GeometryFit(model, fitting, seed).start()
     say("deriving what the measurements show")
     base = model.base(nominal.frames, _touching_pose(data, model), seed)
     say("fitting")
-    judged = Fit(model, fitting, seed).fitted(nominal, base)
-    whole = Fit(model, data, seed)
+    judged = GeometryFit(model, fitting, seed).fitted(nominal, base)
+    whole = GeometryFit(model, data, seed)
     found = whole.fitted(whole.framed(nominal), base)
     return _result(setup, whole, base, nominal, judged, found, held)
 
@@ -237,7 +237,7 @@ def error_model(
     measure: Sequence[Mapping[str, Any]] | None,
     errors: Sequence[CalibrationErrors],
 ) -> ErrorModel:
-    """What is measured of a set-up's robot, and the errors that are looked for."""
+    """Error model of a set-up's robot: measurements, and the errors that are looked for."""
     entries: Sequence[MeasureEntry] = ()
     if measure is not None:
         entries = [MeasureEntry.model_validate(dict(entry)) for entry in measure]
@@ -316,7 +316,7 @@ def _touching_pose(data: Observed, model: ErrorModel) -> Floats | None:
 
 def _result(
     setup: Setup,
-    fit: Fit,
+    fit: GeometryFit,
     base: LinearBase,
     nominal: State,
     judged: Fitted,

@@ -52,7 +52,7 @@ MOST_OUTLIERS = 0.2
 
 @dataclass(frozen=True)
 class Observed:
-    """What a log holds.
+    """Positions of the joints and measured values in a log.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Observed:
 
 
 @dataclass(frozen=True)
-class Channel:
+class NoiseChannel:
     """Rows with one noise: positions or rotations of one measurement."""
 
     name: str
@@ -122,7 +122,7 @@ class Fitted:
     left_out: Flags  # those of them that are no part of the fit
 
 
-class Fit:
+class GeometryFit:
     """Fits an error model to a log."""
 
     def __init__(self, model: ErrorModel, data: Observed, seed: int) -> None:
@@ -132,7 +132,7 @@ class Fit:
         self.usual = np.where(self.unknown, LOOSE, usual)
 
     @classmethod
-    def without_data(cls, model: ErrorModel, seed: int) -> Fit:
+    def without_data(cls, model: ErrorModel, seed: int) -> GeometryFit:
         """A fit to nothing, for designs."""
         count, rows = len(model.mechanism.positions), len(model.sights)
         nothing = Observed(
@@ -141,14 +141,14 @@ class Fit:
         return cls(model, nothing, seed)
 
     @cached_property
-    def channels(self) -> tuple[Channel, ...]:
+    def channels(self) -> tuple[NoiseChannel, ...]:
         """Positions and rotations of each sight."""
         return tuple(_channels(self.model))
 
     # -- residuals ---------------------------------------------------------------------------------------------------
 
     def residuals(self, state: State, data: Observed | None = None) -> Floats:
-        """What is seen less what should be, shape (N, rows); zero where nothing is measured."""
+        """Differences of seen and measured values, shape (N, rows); zero where nothing is measured."""
         data = self.data if data is None else data
         seen = self.model.seen(data.q, state.errors, state.frames)
         left = seen - np.hstack(data.values)
@@ -166,7 +166,7 @@ class Fit:
                 found[channel.columns] = 1 / (sqrt(2) * sigma)
         return found
 
-    def sizes(self, left: Floats) -> Iterator[tuple[Channel, Floats]]:
+    def sizes(self, left: Floats) -> Iterator[tuple[NoiseChannel, Floats]]:
         """Size of what is left of each channel, m or rad, shape (N,)."""
         for channel in self.channels:
             size = np.linalg.norm(left[:, channel.columns], axis=1)
@@ -219,7 +219,7 @@ class Fit:
         few = np.linspace(0, len(self.data) - 1, min(len(self.data), START_ROWS))
         chosen = np.zeros(len(self.data), dtype=bool)
         chosen[few.astype(int)] = True
-        small = Fit(self.model, self.data.part(chosen), self.seed)
+        small = GeometryFit(self.model, self.data.part(chosen), self.seed)
         noise = self.first_noise()
         rng = np.random.default_rng(self.seed)
         best, lowest, often = None, inf, 0
@@ -386,27 +386,27 @@ def lift_of(b: Floats, usual: Floats) -> tuple[Floats, Floats, Floats]:
     return spread, lift, np.linalg.inv(np.linalg.cholesky(spread))
 
 
-def _channels(model: ErrorModel) -> Iterator[Channel]:
+def _channels(model: ErrorModel) -> Iterator[NoiseChannel]:
     for k, (sight, rows) in enumerate(zip(model.sights, model.rows, strict=True)):
         shift, turn = _stated(sight)
         if sight.kind == "pose":
             middle = rows.start + 3
-            yield Channel(sight.name, "m", slice(rows.start, middle), k, 3, shift)
-            yield Channel(sight.name, "rad", slice(middle, rows.stop), k, 3, turn)
+            yield NoiseChannel(sight.name, "m", slice(rows.start, middle), k, 3, shift)
+            yield NoiseChannel(sight.name, "rad", slice(middle, rows.stop), k, 3, turn)
         elif sight.closure is not None:
             shifts, turns = len(sight.closure.kind.positions), rows.stop - rows.start
             turns -= shifts
             middle = rows.start + shifts
             if shifts:
-                yield Channel(
+                yield NoiseChannel(
                     sight.name, "m", slice(rows.start, middle), k, shifts, None
                 )
             if turns:
-                yield Channel(
+                yield NoiseChannel(
                     sight.name, "rad", slice(middle, rows.stop), k, turns, None
                 )
         else:
-            yield Channel(sight.name, "m", rows, k, rows.stop - rows.start, shift)
+            yield NoiseChannel(sight.name, "m", rows, k, rows.stop - rows.start, shift)
 
 
 def _stated(sight: Sight) -> tuple[float | None, float | None]:

@@ -37,7 +37,7 @@ _SEPARATORS = "_./ "
 def observed(
     model: ErrorModel, setup: Setup, paths: Sequence[str | os.PathLike[str]]
 ) -> Observed:
-    """What some logs hold, one after another.
+    """Positions and measured values of some logs, one after another.
 
     Raises
     ------

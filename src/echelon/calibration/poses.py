@@ -15,7 +15,7 @@ import numpy as np
 from echelon.algebra import DEFAULT_SEED
 from echelon.base import LinearBase
 from echelon.calibration.calibrating import error_model, setup_for
-from echelon.calibration.fit import Fit, lift_of
+from echelon.calibration.fit import GeometryFit, lift_of
 from echelon.excite import task_of
 from echelon.shared import (
     CalibrationErrors,
@@ -112,7 +112,7 @@ def calibration_poses(
             "touched surfaces and loops choose the poses: plan them by poses of another measurement"
         )
     q = _candidates(setup, model.mechanism.positions, seed)
-    fit = Fit.without_data(model, seed)
+    fit = GeometryFit.without_data(model, seed)
     state = fit.nominal()
     rng = np.random.default_rng(seed)
     for marker in [sight.tool for sight in model.sights if sight.is_marker]:

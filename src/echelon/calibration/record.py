@@ -26,7 +26,7 @@ class CombinationRecord(FiniteRecord):
     shown: bool
 
 
-class ScoreRecord(FiniteRecord):
+class HeldOutRecord(FiniteRecord):
     """Root mean squares of what is left in held-out rows, m or rad."""
 
     measurement: str
@@ -50,7 +50,7 @@ class CalibrationRecord(FiniteRecord):
     combinations: list[CombinationRecord]
     unidentifiable: list[str]
     errors: dict[str, float]
-    scores: list[ScoreRecord]
+    scores: list[HeldOutRecord]
     outliers: list[str]
     left_out: int
     tools: dict[str, list[list[float]]]
@@ -87,10 +87,12 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
         )
     ]
     scores = [
-        ScoreRecord(
+        HeldOutRecord(
             measurement=s.name,
             **{
-                k: getattr(s, k) for k in ScoreRecord.model_fields if k != "measurement"
+                k: getattr(s, k)
+                for k in HeldOutRecord.model_fields
+                if k != "measurement"
             },
         )
         for s in found.scores
