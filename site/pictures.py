@@ -133,6 +133,20 @@ def comparison(found: Comparison) -> Picture:
     return Picture("\n".join([*lines, "</svg>"]) + "\n", alt)
 
 
+def residuals() -> str:
+    """Residuals of the example of a calibration, before and after."""
+    import echelon
+    from echelon.report import calibration_html
+
+    folder = ROOT / "examples" / "calibration"
+    html = calibration_html(
+        echelon.calibrate(folder / "arm.yaml", folder / "tracker.csv")
+    )
+    svg = re.search(r"<svg viewBox=.*?</svg>", html, re.DOTALL)
+    assert svg is not None
+    return svg[0].replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1) + "\n"
+
+
 def write(folder: Path) -> None:
     """The pictures of README and of the documentation."""
     import echelon
@@ -150,6 +164,7 @@ def write(folder: Path) -> None:
     arms = (ROOT / "examples/so101.urdf", ROOT / "docs/examples/so101_cad.urdf")
     found = echelon.compare(*arms, limits={"velocity": 3, "acceleration": 20})
     (folder / "compare.svg").write_text(comparison(found).svg, encoding="utf-8")
+    (folder / "calibration.svg").write_text(residuals(), encoding="utf-8")
     (folder / "rooms.svg").write_text(picture(), encoding="utf-8")
     table = echelon.Experiment(base.mechanism, "table")
     wall = echelon.Experiment(base.mechanism, "wall", gravity=(9.81, 0, 0))

@@ -31,6 +31,12 @@ from echelon.base.special import SpecialGeometry as SpecialGeometry
 from echelon.base.special import special_geometry as special_geometry
 from echelon.base.structure import Structure as Structure
 from echelon.base.symbolic import SymbolicRegressor as SymbolicRegressor
+from echelon.calibration.calibrating import Calibration as Calibration
+from echelon.calibration.calibrating import CalibrationScore as CalibrationScore
+from echelon.calibration.calibrating import calibrate as calibrate
+from echelon.calibration.calibrating import calibration_base as calibration_base
+from echelon.calibration.poses import CalibrationPoses as CalibrationPoses
+from echelon.calibration.poses import calibration_poses as calibration_poses
 from echelon.codegen.source import generate as generate
 from echelon.comparison.comparing import compare as compare
 from echelon.comparison.result import Comparison as Comparison
@@ -64,6 +70,7 @@ from echelon.identification.servos.servo_fit import ServoFit as ServoFit
 from echelon.identification.servos.servo_fit import fit_servos as fit_servos
 from echelon.identification.setup.setup import Setup as Setup
 from echelon.identification.setup.setup import load_setup as load_setup
+from echelon.report.calibration import calibration_html as calibration_html
 from echelon.report.preview import preview_html as preview_html
 from echelon.report.report import report_html as report_html
 from echelon.robot.experiment import Experiment as Experiment

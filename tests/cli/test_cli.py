@@ -245,7 +245,16 @@ def test_errors_stay_one_line_whatever_the_names() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["derive", "verify", "schema", "identify", "predict", "excite", "check-trajectory"],
+    [
+        "derive",
+        "verify",
+        "schema",
+        "identify",
+        "predict",
+        "excite",
+        "check-trajectory",
+        "calibrate",
+    ],
 )
 def test_help_has_an_example(command: str) -> None:
     assert command in run("--help").stdout
@@ -255,7 +264,7 @@ def test_help_has_an_example(command: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "which", ["description", "base-model", "identified", "trajectory"]
+    "which", ["description", "base-model", "identified", "trajectory", "calibration"]
 )
 def test_schemas(which: str) -> None:
     jsonschema.Draft202012Validator.check_schema(

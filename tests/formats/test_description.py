@@ -16,6 +16,7 @@ import echelon as ec
 from echelon.base.saved.schema import BaseModelRecord, LinearBaseRecord
 from echelon.base.saved.schema import json_schema as result_schema
 from echelon.comparison.result import comparison_schema
+from echelon.calibration import calibration_schema
 from echelon.excite.files.trajectory_file import trajectory_schema
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.schema.robot_schema import json_schema
@@ -200,6 +201,7 @@ def test_round_trip(robot: Callable[[], Mechanism]) -> None:
         "identified",
         "trajectory",
         "comparison",
+        "calibration",
     ],
 )
 def test_published_schemas_are_up_to_date(file: str) -> None:
@@ -211,6 +213,7 @@ def test_published_schemas_are_up_to_date(file: str) -> None:
         "identified": lambda: result_schema(IdentifiedRecord),
         "trajectory": trajectory_schema,
         "comparison": comparison_schema,
+        "calibration": calibration_schema,
     }[file]()
     path = ROOT / f"schemas/{file}.schema.json"
     if json.loads(path.read_text()) != expected:  # the difference would say nothing

@@ -140,6 +140,27 @@ FAULTS = (
         GAINS,
     ),
     Fault(
+        "calibration/errors.py",
+        "axis, amount.cos(), amount.sin())",
+        "axis, amount.cos(), -amount.sin())",
+        "sense of turns",
+        "calibration/test_calibration_sets.py",
+    ),
+    Fault(
+        "calibration/fit.py",
+        "usual[:, None] ** 2 * b.T",
+        "usual[:, None] * b.T",
+        "smallest change of the geometry",
+        "calibration/test_calibration_fit.py",
+    ),
+    Fault(
+        "calibration/calibrating.py",
+        "d > UNSEEN * u",
+        "d < UNSEEN * u",
+        "what a log does not show",
+        "calibration/test_calibration_fit.py",
+    ),
+    Fault(
         "excite/problem/information.py",
         "* (2 * weight)",
         "* weight",

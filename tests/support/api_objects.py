@@ -123,6 +123,12 @@ def identification() -> ec.Identification:
     return ec.identify(setup(), [file("run.parquet")])
 
 
+@cache
+def calibration() -> ec.Calibration:
+    place = EXAMPLES / "calibration"
+    return ec.calibrate(place / "arm.yaml", place / "tracker.csv")
+
+
 def hypothesis() -> Judged:
     places = ("j1",), ("{type: rotor_inertia, at: {at}}",)
     rises = (0.9,), (0.99,)
@@ -294,6 +300,14 @@ def error(kind: type[Exception], *values: Any, **named: Any) -> Example:
 
 
 OBJECTS: Mapping[str, Example] = {
+    "calibration": Example(calibration, lambda found: found.written.text),
+    "measurements": Example(
+        lambda: ec.load_setup(EXAMPLES / "calibration" / "arm.yaml")
+    ),
+    "calibration score": Example(lambda: calibration().scores[0]),
+    "calibration poses": Example(
+        lambda: ec.calibration_poses(EXAMPLES / "calibration" / "arm.yaml", 12)
+    ),
     "description": Example(load("double_pendulum.yaml"), read_literally),
     "description in numbers": Example(
         load("double_pendulum.yaml", symbolic=False), read_literally

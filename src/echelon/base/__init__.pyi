@@ -53,3 +53,4 @@ from echelon.base.sensors import SensorReport as SensorReport
 from echelon.base.sensors import sensor_report as sensor_report
 from echelon.base.special import SpecialGeometry as SpecialGeometry
 from echelon.base.special import special_geometry as special_geometry
+from echelon.base.stated_values import with_values as with_values

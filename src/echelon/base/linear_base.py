@@ -270,8 +270,8 @@ def _matrix(
         return assembled(
             model.parameters, tuple(order[p] for p in structure.pivots), found, order
         )
-    silent = sorted(name for name, value in model.constants.items() if value is None)
-    if forms.rational or silent or generic:
+    silent = sorted(model.constants.keys() - stated_texts(model).keys())
+    if silent or generic:
         missing = sum(len(structure.by_robot[column]) for column in open_columns)
         raise ClosedFormError(
             f"{missing} coefficients have no closed form within the budget; give constants values"
@@ -346,10 +346,8 @@ def model_at_stated_values(model: LinearModel) -> AtStatedValues:
 
 def stated_texts(model: LinearModel) -> dict[str, str]:
     """Exact values of the constants that have one, as text."""
-    return {
-        name: str(value)
-        for name, value in sorted(_stated_values(model).numbers.items())
-    }
+    numbers = sorted(_stated_values(model).numbers.items())
+    return {name: str(value) for name, value in numbers} | dict(model.generic)
 
 
 def _stated_values(model: LinearModel) -> StatedValues:

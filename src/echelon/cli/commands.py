@@ -362,6 +362,7 @@ Schema = Literal[
     "identified",
     "trajectory",
     "comparison",
+    "calibration",
 ]
 
 
@@ -535,6 +536,10 @@ def schema(
         from echelon.comparison import comparison_schema
 
         found = comparison_schema()
+    elif which == "calibration":
+        from echelon.calibration import calibration_schema
+
+        found = calibration_schema()
     else:
         records: dict[str, Any] = {
             "base-model": BaseModelRecord,
@@ -545,7 +550,7 @@ def schema(
     show(json.dumps(found, indent=2))
 
 
-from echelon.cli import excite_commands, generate  # noqa: E402, F401  their commands follow in the help
+from echelon.cli import calibrate, excite_commands, generate  # noqa: E402, F401  their commands follow in the help
 
 
 def run() -> None:

@@ -17,6 +17,7 @@ from echelon.dynamics.functions import motion_function as motion_function
 from echelon.dynamics.functions import robot_function as robot_function
 from echelon.dynamics.kinematics import Kinematics as Kinematics
 from echelon.dynamics.kinematics import body_frames as body_frames
+from echelon.dynamics.kinematics import moved as moved
 from echelon.dynamics.linear_forms import FEW_COLUMNS as FEW_COLUMNS
 from echelon.dynamics.linear_forms import LinearForms as LinearForms
 from echelon.dynamics.linear_forms import Rows as Rows

@@ -38,6 +38,7 @@ from echelon.algebra import (
     parse,
     random_generator,
     record_expression,
+    stated_ball,
     with_values,
 )
 from echelon.dynamics.linear_forms import LinearForms
@@ -314,6 +315,8 @@ class LinearModel:
     p + 2·a·q
     """
 
+    generic: Mapping[str, str] = {}
+
     def __init__(
         self,
         X: Any,
@@ -374,6 +377,28 @@ class LinearModel:
         nodes = [scalars[p].node for p in model.parameters]
         rows = linear_rows(program, [row[0] for row in column], nodes, names)
         model._keep(program, rows, outputs)
+        return model
+
+    @classmethod
+    def recorded(
+        cls,
+        program: Program,
+        rows: Sequence[Sequence[Scalar]],
+        units: Mapping[str, str],
+        constants: Mapping[str, Rational | None],
+        generic: Mapping[str, str],
+        name: str,
+    ) -> LinearModel:
+        """A model whose entries are recorded already, with the units of its parameters by their names.
+
+        ``generic`` holds texts of values of constants that count as generic, such as a unit of decimal angles.
+        """
+        model = cls.__new__(cls)
+        states = [i.name for i in program.inputs.values() if i.role == "state"]
+        model.variables, model.name = tuple(states), name
+        model.parameters, model.units = tuple(units), tuple(units.values())
+        model.constants, model.generic = dict(constants), dict(generic)
+        model._keep(program, rows, None)
         return model
 
     def _declare(
@@ -451,7 +476,7 @@ class LinearModel:
             name: str(value)
             for name, value in self.constants.items()
             if value is not None
-        }
+        } | dict(self.generic)
         self.regressor = LinearForms(
             program, entries, (len(rows), len(self.parameters)), values=stated
         )
@@ -459,7 +484,10 @@ class LinearModel:
     @property
     def values(self) -> dict[str, float]:
         """Values of the constants that have one."""
-        return {
+        generic = {
+            n: float(stated_ball(text).mid()) for n, text in self.generic.items()
+        }
+        return generic | {
             name: float(Fraction(v))
             for name, v in self.constants.items()
             if v is not None

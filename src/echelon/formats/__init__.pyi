@@ -39,6 +39,8 @@ from echelon.formats.schema.schema_log import Combination as Combination
 from echelon.formats.schema.schema_log import IdentificationEntry as IdentificationEntry
 from echelon.formats.schema.schema_log import LogEntry as LogEntry
 from echelon.formats.schema.schema_log import PreparationEntry as PreparationEntry
+from echelon.formats.schema.schema_measure import MeasureEntry as MeasureEntry
+from echelon.formats.schema.schema_measure import MeasureKind as MeasureKind
 from echelon.formats.snapping import ReadingOptions as ReadingOptions
 from echelon.formats.snapping import gravity_vector as gravity_vector
 from echelon.formats.urdf.exact_xml import ExactXml as ExactXml
@@ -46,7 +48,11 @@ from echelon.formats.usual_effects import floating_velocities as floating_veloci
 from echelon.formats.usual_effects import slides as slides
 from echelon.formats.usual_effects import with_rotors as with_rotors
 from echelon.formats.usual_effects import with_usual_effects as with_usual_effects
+from echelon.formats.writers.calibrated_writer import (
+    calibrated_robot as calibrated_robot,
+)
 from echelon.formats.writers.description_writer import (
     write_description as write_description,
 )
+from echelon.formats.writers.robot_writer import WrittenRobot as WrittenRobot
 from echelon.formats.writers.robot_writer import identified_robot as identified_robot

@@ -6,8 +6,10 @@ from echelon.identification.fit_findings import limited as limited
 from echelon.identification.identifying import identify as identify
 from echelon.identification.judge.judge import Judged as Judged
 from echelon.identification.judging import explained_rate as explained_rate
+from echelon.identification.logs.files.log_file import Table as Table
 from echelon.identification.logs.files.log_file import decoding as decoding
 from echelon.identification.logs.files.log_file import existing_file as existing_file
+from echelon.identification.logs.files.open_log import log_paths as log_paths
 from echelon.identification.logs.files.open_log import open_log as open_log
 from echelon.identification.logs.files.open_log import read_table as read_table
 from echelon.identification.logs.finding import Finding as Finding
@@ -16,7 +18,9 @@ from echelon.identification.logs.finding import counted as counted
 from echelon.identification.logs.finding import listed as listed
 from echelon.identification.logs.finding import note as note
 from echelon.identification.logs.finding import warning as warning
+from echelon.identification.logs.positions import logged_positions as logged_positions
 from echelon.identification.logs.preparation.prepare import Preparation as Preparation
+from echelon.identification.logs.units import factor as factor
 from echelon.identification.physics.feasibility import Feasibility as Feasibility
 from echelon.identification.physics.fit import KIND as KIND
 from echelon.identification.physics.fit import PhysicalFit as PhysicalFit

@@ -109,6 +109,7 @@ from echelon.robot.stated import symbol_roles as symbol_roles
 from echelon.robot.stated import symbol_values as symbol_values
 from echelon.robot.stated import value_texts as value_texts
 from echelon.robot.stated import vanishes as vanishes
+from echelon.robot.steps import Coordinates as Coordinates
 from echelon.robot.steps import EffectRecorder as EffectRecorder
 from echelon.robot.steps import Freedom as Freedom
 from echelon.robot.steps import Mat as Mat

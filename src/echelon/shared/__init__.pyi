@@ -8,6 +8,7 @@ from echelon.shared.arrays import cut_at as cut_at
 from echelon.shared.arrays import independent_columns as independent_columns
 from echelon.shared.arrays import one_thread as one_thread
 from echelon.shared.arrays import pivoted_qr as pivoted_qr
+from echelon.shared.choices import CalibrationErrors as CalibrationErrors
 from echelon.shared.choices import Criterion as Criterion
 from echelon.shared.choices import Estimator as Estimator
 from echelon.shared.choices import Family as Family

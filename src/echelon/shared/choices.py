@@ -25,5 +25,9 @@ Family = Literal["fourier", "bspline", "sum"]
 """Functions of time of exciting trajectories."""
 Unreadable = Literal["refuse", "boxes", "none"]
 """Handling of shapes of a robot file that cannot be read."""
+CalibrationErrors = Literal[
+    "frames", "modified_dh", "standard_dh", "offsets", "gears", "stiffness"
+]
+"""Errors of the geometry that a calibration looks for."""
 Form = Literal["auto", "short", "named"]
 """How the entries of a symbolic regressor are written."""

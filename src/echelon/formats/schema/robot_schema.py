@@ -18,6 +18,7 @@ from echelon.formats.schema.schema_log import (
     LogEntry,
     PreparationEntry,
 )
+from echelon.formats.schema.schema_measure import MeasureEntry
 from echelon.formats.schema.schema_outputs import OutputEntry
 from echelon.formats.schema.schema_setup import (
     EffectEntry,
@@ -348,6 +349,11 @@ class RobotDescription(Model):
         "Set-ups in which the robot is measured, whose base parameters are those of all together.  Names alone are "
         "those of bodies that trees of such experiments hang on, as Echelon writes them.",
         [{"name": "table"}, {"name": "wall", "gravity": [9.81, 0, 0]}],
+    )
+    measure: Annotated[tuple[MeasureEntry, ...], AS_LIST] = optional(
+        (),
+        "What a calibration of the geometry measures; default: the pose of the last body.",
+        [{"pose": "flange"}, {"distance": "flange", "columns": "bar"}],
     )
     log: Annotated[
         Annotated[LogEntry, Tag("mapping")]

@@ -73,14 +73,19 @@ class XmlEditor:
         else:
             self._edits.append((span.start, span.end, ""))
 
-    def set_attributes(self, element: Any, values: Mapping[str, str]) -> None:
-        """Set attributes of an element; the others, and how the tag is written, stay."""
+    def set_attributes(
+        self, element: Any, values: Mapping[str, str], instead: Collection[str] = ()
+    ) -> None:
+        """Set attributes of an element instead of some; the others, and how the tag is written, stay."""
         if not values:
             return
         span = self._spans[element]
         tag, missing = self.text[span.start : span.content], dict(values)
         pieces, at = [], 0
         for match in _ATTRIBUTE.finditer(tag):
+            if match[1] in instead:
+                pieces.append(tag[at : match.start()].rstrip())
+                at = match.end()
             if match[1] in missing:
                 pieces += [tag[at : match.start(2)], quoted(missing.pop(match[1]))]
                 at = match.end(2)

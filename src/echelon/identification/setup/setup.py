@@ -24,6 +24,7 @@ from echelon.formats import (
     Document,
     ExcitationEntry,
     IdentificationEntry,
+    MeasureEntry,
     PreparationEntry,
     ReadingOptions,
     RobotFile,
@@ -72,6 +73,8 @@ class Setup:
         What was taken for granted where the file is silent, in sentences.
     excitation : ExcitationEntry
         What a trajectory has to keep that excites the parameters; see :func:`echelon.exciting_trajectory`.
+    measure : tuple of MeasureEntry
+        What a calibration of the geometry measures; none for the pose of the last body.
     seed : int
     document : Document, optional
         The description as it was read, which knows lines.
@@ -92,6 +95,7 @@ class Setup:
     usual: bool = False
     assumed: tuple[str, ...] = ()
     excitation: ExcitationEntry = field(default_factory=ExcitationEntry.model_construct)
+    measure: tuple[MeasureEntry, ...] = ()
     seed: int = DEFAULT_SEED
     document: Document | None = field(default=None, repr=False)
 
@@ -278,6 +282,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
         states_effects=robot.effects is not None,
         usual="usual" in (robot.effects or ()),
         excitation=robot.excitation,
+        measure=robot.measure,
         document=document,
     )
 

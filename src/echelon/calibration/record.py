@@ -1,0 +1,117 @@
+"""A calibration as a versioned JSON document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from echelon.base import FiniteRecord
+from echelon.calibration.calibrating import Calibration
+from echelon.shared import Floats, published_schema
+
+SCHEMA: Literal["echelon.calibration/1"] = "echelon.calibration/1"
+
+
+class CombinationRecord(FiniteRecord):
+    """A combination of errors that the measurements show."""
+
+    combination: str
+    unit: str
+    value: float
+    deviation: float
+    low: float
+    high: float
+    shown: bool
+
+
+class HeldOutRecord(FiniteRecord):
+    """Root mean squares of what is left in held-out rows, m or rad."""
+
+    measurement: str
+    unit: str
+    rows: int
+    before: float
+    after: float
+    median: float
+    noise: float
+
+
+class CalibrationRecord(FiniteRecord):
+    """A calibrated geometry; frames are 4 × 4 matrices by rows."""
+
+    model_config = ConfigDict(title="Echelon calibration", populate_by_name=True)
+
+    schema_: Literal["echelon.calibration/1"] = Field(alias="schema")
+    robot: str
+    rank: int
+    certificate: str
+    combinations: list[CombinationRecord]
+    unidentifiable: list[str]
+    errors: dict[str, float]
+    scores: list[HeldOutRecord]
+    outliers: list[str]
+    left_out: int
+    tools: dict[str, list[list[float]]]
+    frames: dict[str, list[list[float]]]
+
+
+def calibration_schema() -> dict[str, Any]:
+    """The JSON schema of the document."""
+    return published_schema(
+        "calibration", CalibrationRecord.model_json_schema(by_alias=True)
+    )
+
+
+def calibration_document(found: Calibration) -> dict[str, Any]:
+    """A calibration as JSON-able data."""
+    base = found.base
+    combinations = [
+        CombinationRecord(
+            combination=str(expression),
+            unit=expression.unit,
+            value=value,
+            deviation=deviation,
+            low=low,
+            high=high,
+            shown=pivot not in found.hidden,
+        )
+        for expression, pivot, value, deviation, (low, high) in zip(
+            base.readable,
+            base.pivots,
+            found.values.tolist(),
+            found.deviations.tolist(),
+            found.intervals.tolist(),
+            strict=True,
+        )
+    ]
+    scores = [
+        HeldOutRecord(
+            measurement=s.name,
+            **{
+                k: getattr(s, k)
+                for k in HeldOutRecord.model_fields
+                if k != "measurement"
+            },
+        )
+        for s in found.scores
+    ]
+    return CalibrationRecord(
+        schema=SCHEMA,
+        robot=found.robot.mechanism.name,
+        rank=base.rank,
+        certificate=str(base.certificate),
+        combinations=combinations,
+        unidentifiable=list(found.unidentifiable),
+        errors=dict(found.errors),
+        scores=scores,
+        outliers=list(found.outliers),
+        left_out=found.left_out,
+        tools=_listed(found.tools),
+        frames=_listed(found.frames),
+    ).model_dump(by_alias=True)
+
+
+def _listed(frames: Mapping[str, Floats]) -> dict[str, list[list[float]]]:
+    return {name: frame.tolist() for name, frame in frames.items()}

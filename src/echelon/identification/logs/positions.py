@@ -1,0 +1,49 @@
+"""Positions of a robot in a table: all that a log of still poses holds of its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from echelon.identification.logs.columns.column_guess import guess
+from echelon.identification.logs.columns.column_map import ColumnMap
+from echelon.identification.logs.columns.conversion import recording
+from echelon.identification.logs.files.log_file import Table
+from echelon.robot import Mechanism, lock_joints
+from echelon.shared import Floats, InputError
+
+
+def logged_positions(
+    table: Table, mechanism: Mechanism, columns: Sequence[ColumnMap]
+) -> tuple[Floats, tuple[str, ...]]:
+    """Positions (N, n), rad or m, of all free coordinates, and those that the log lacks, which stand at zero.
+
+    Columns are those of the first map; without maps, those whose names say what they are.
+    """
+    unlogged: tuple[str, ...] = ()
+    if columns:
+        positions = columns[0].positions
+    else:
+        found = guess(tuple(table.columns), mechanism, lambda: table, outputs=False)
+        if found.problems:
+            advice = "say under  log  which columns are positions"
+            raise InputError("; ".join([*found.problems, advice]), source=table.source)
+        positions, unlogged = found.columns.positions, found.unlogged
+    logged = (
+        lock_joints(mechanism, dict.fromkeys(unlogged, 0.0)) if unlogged else mechanism
+    )
+    # nothing moves while poses are measured, so that any clock will do
+    chosen = ColumnMap(rate=1.0, positions=positions)
+    found_q = recording(replace(table, clocks={}), chosen, logged).signals["q"]
+    if found_q.shape[1] != len(logged.positions):
+        raise InputError(
+            "positions of joints in loops are missing: measure all of them, since those that follow from the nominal "
+            "geometry say nothing about its errors",
+            source=table.source,
+        )
+    q = np.zeros((len(found_q), len(mechanism.positions)))
+    for column, name in enumerate(logged.positions):
+        q[:, mechanism.positions.index(name)] = found_q[:, column]
+    return q, unlogged

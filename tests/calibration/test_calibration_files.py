@@ -1,0 +1,172 @@
+"""Logs, robot files and the command of calibrations, and poses to measure at."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import echelon as ec
+from echelon.calibration import calibration_schema
+from echelon.dynamics import Kinematics
+from support.command_line import run
+from support.measured_logs import measured
+from support.paths import ROOT
+from support.simulated_poses import body_frames, pinocchio_model, twist
+
+ARM, LOG = "examples/calibration/arm.yaml", "examples/calibration/tracker.csv"
+URDF = """<robot name="arm">
+  <!-- a comment of the user's -->
+  <link name="base"/>
+  <link name="one"/><link name="two"/><link name="three"/><link name="flange"/>
+  <joint name="a" type="revolute"><parent link="base"/><child link="one"/>
+    <origin xyz="0 0 0.3" rpy="0 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="b" type="revolute"><parent link="one"/><child link="two"/>
+    <origin xyz="0.05 0 0.1" rpy="1.5708 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="c" type="revolute"><parent link="two"/><child link="three"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="tool" type="fixed"><parent link="three"/><child link="flange"/>
+    <origin xyz="0.1 0 0.2"/></joint>
+</robot>
+"""
+MJCF = """<mujoco model="arm"><!-- a comment of the user's -->
+<worldbody><body name="one" pos="0 0 0.3"><joint name="a" axis="0 0 1"/><geom size="0.1"/>
+<body name="two" pos="0.05 0 0.1" euler="90 0 0"><joint name="b" axis="0 0 1"/><geom size="0.1"/>
+<body name="three" pos="0.4 0 0"><joint name="c" axis="0 1 0"/><geom size="0.1"/>
+</body></body></body></worldbody></mujoco>
+"""
+
+
+def pose_log(robot: ec.Mechanism) -> dict[str, np.ndarray]:
+    """Exact poses of the last body with planted errors."""
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1, 1, (40, 3))
+    errors = {k: twist(rng, 1e-3, 2e-3) for k in range(3)}
+    seen = np.array(body_frames(pinocchio_model(robot), q, errors))[:, -1]
+    noise = rng.normal(scale=1e-5, size=(40, 3))
+    log = {f"q_{name}": q[:, k] for k, name in enumerate(robot.positions)}
+    log |= {axis: seen[:, k, 3] + noise[:, k] for k, axis in enumerate("xyz")}
+    vectors = np.array([pin.log3(one[:3, :3]) for one in seen])
+    return log | {f"r{axis}": vectors[:, k] for k, axis in enumerate("xyz")}
+
+
+@pytest.mark.parametrize(("text", "ending"), [(URDF, "urdf"), (MJCF, "xml")])
+def test_the_calibrated_file_is_the_users_with_other_origins(
+    text: str, ending: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"arm.{ending}"
+    path.write_text(text)
+    robot = ec.load(path)
+    found = ec.calibrate(path, pose_log(robot), measure=[{"pose": "three"}])
+    assert found.written.name == f"calibrated.{ending}"
+    assert "a comment of the user's" in found.written.text
+    again = tmp_path / found.written.name
+    again.write_text(found.written.text)
+    read = ec.load(again, snap_tolerance=0)
+    q = np.random.default_rng(5).uniform(-1, 1, (10, 3))
+    expected = Kinematics(found.robot.mechanism).frames(q)
+    np.testing.assert_allclose(Kinematics(read).frames(q), expected, atol=1e-5)
+    assert found.scores[0].after < 1e-4 < found.scores[0].before
+
+
+def test_the_command_writes_what_its_schema_says(tmp_path: Path) -> None:
+    done = run("calibrate", ARM, LOG, "-o", tmp_path / "out", "--json", cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"calibration.json", "calibration.html", "calibrated.yaml"} <= files
+    document = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    jsonschema.Draft202012Validator(calibration_schema()).validate(document)
+    assert document["rank"] == 33
+    page = (tmp_path / "out" / "calibration.html").read_text()
+    assert "<circle" in page
+    assert "held-out rows" in page
+    # what a user edited stays
+    (tmp_path / "out" / "calibrated.yaml").write_text("mine")
+    again = run("calibrate", ARM, LOG, "-o", tmp_path / "out", cwd=ROOT)
+    assert again.returncode == 2
+    assert (tmp_path / "out" / "calibrated.yaml").read_text() == "mine"
+
+
+def test_the_calibrated_description_needs_no_calibration(tmp_path: Path) -> None:
+    found = ec.calibrate(ARM, LOG)
+    (tmp_path / "calibrated.yaml").write_text(found.written.text)
+    entry = {"position": "hand", "points": {"m1": None, "m2": None, "m3": None}}
+    setup = ec.load_setup(tmp_path / "calibrated.yaml", snap_tolerance=0)
+    again = ec.calibrate(setup, LOG, measure=[entry])
+    assert all(score.before < 3e-4 for score in again.scores)
+
+
+MISTAKES = {
+    "no body": ([{"pose": "nothing"}], "no body or link 'nothing'"),
+    "no rotation": ([{"pose": "hand", "columns": "m1_"}], "there is no rotation"),
+    "no column": ([{"distance": "hand"}], "there is no column 'distance1'"),
+    "points of a pose": (
+        [{"pose": "hand", "points": {"a": None}}],
+        "points belong to a position",
+    ),
+    "nothing between": ([{"pose": "hand", "on": "hand"}], "nothing moves between"),
+    "no row": (
+        [{"position": "hand", "columns": "m1_", "where": {"m1_x [mm]": -7}}],
+        "no row measures it",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_mistakes_are_told(case: str) -> None:
+    measure, message = MISTAKES[case]
+    with pytest.raises(ec.InputError, match=message):
+        ec.calibrate(ARM, LOG, measure=measure)
+
+
+def test_unknown_errors_are_refused() -> None:
+    done = run("calibrate", ARM, "--errors", "frame", cwd=ROOT)
+    assert done.returncode == 2
+    assert "frames" in done.stderr
+
+
+def test_redundant_measurements_are_named() -> None:
+    robot = ec.load(URDF)
+    log = pose_log(robot)
+    q = np.column_stack([log[f"q_{name}"] for name in robot.positions])
+    elbow = np.array(body_frames(pinocchio_model(robot), q, {}))[:, 1, :3, 3]
+    log |= {f"e_{axis}": elbow[:, k] for k, axis in enumerate("xyz")}
+    second = {"position": "two", "columns": "e_", "tool": "elbow"}
+    found = ec.calibrate(robot, log, measure=[{"pose": "three"}, second])
+    assert found.redundant == ("position2",)
+
+
+def test_chosen_poses_show_more_than_random_ones_within_limits(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF)
+    found = ec.calibration_poses(path, 12, measure=[{"pose": "three"}])
+    assert (np.abs(found.q) <= [2, 1, 2]).all()
+    assert found.to_csv().startswith("q_a,q_b,q_c\n")
+    assert len(found.to_csv().splitlines()) == 13
+    more = ec.calibration_poses(path, 24, measure=[{"pose": "three"}])
+    assert (more.deviations < found.deviations).all()
+
+
+def test_touched_surfaces_choose_their_own_poses() -> None:
+    with pytest.raises(ec.InputError, match="choose the poses"):
+        ec.calibration_poses("examples/panda.yaml", 5, measure=[{"plane": "j7"}])
+
+
+def test_a_real_arm() -> None:
+    """As good as the reference, which fitted all 34 combinations that singular values show."""
+    log = measured("panda_calibration/panda_camera_poses.parquet")
+    found = ec.calibrate("examples/panda.yaml", log)
+    place, turn = found.scores
+    assert found.base.rank == 34
+    assert place.rows == turn.rows == 57
+    assert place.after < 1.39e-3
+    assert turn.after < np.radians(0.212)
+    assert place.before > 3e-3
+    assert "113" in found.outliers[0]
