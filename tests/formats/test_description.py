@@ -15,8 +15,8 @@ import yaml
 import echelon as ec
 from echelon.base.saved.schema import BaseModelRecord, LinearBaseRecord
 from echelon.base.saved.schema import json_schema as result_schema
-from echelon.comparison.result import comparison_schema
 from echelon.calibration import calibration_schema
+from echelon.comparison.result import comparison_schema
 from echelon.excite.files.trajectory_file import trajectory_schema
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.schema.robot_schema import json_schema
