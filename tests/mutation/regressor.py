@@ -9,6 +9,7 @@ POWER, PROBES, BALLS = (
     "loops/closed_balls.py",
 )
 AXES, JOINTS = "robot/joint.py", "mechanism/test_joints.py"
+FRAMES = "dynamics/frame_motion.py"
 CLOSED = "regressor/test_closed_balls.py::test_states_are_closed"
 TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
 
@@ -42,14 +43,14 @@ FAULTS = (
         JOINTS,
     ),
     Fault(
-        POWER,
+        FRAMES,
         "add(add(coriolis, coriolis), ",
         "add(coriolis, ",
         "half of Coriolis's acceleration",
         JOINTS,
     ),
     Fault(
-        POWER,
+        FRAMES,
         "cross(before, turning)",
         "cross(turning, before)",
         "gyroscopic acceleration",

@@ -346,7 +346,7 @@ def _sensors_text(report: SensorReport) -> str:
     smallest = ", ".join(map(one_line, report.smallest)) or "none needed"
     lines += [
         "",
-        f"in their order: {in_order}",
+        *([f"in their order: {in_order}"] if report.kind == "experiments" else []),
         f"adding the most informative next: {added or 'nothing'}",
         f"{kind}: {smallest}",
     ]

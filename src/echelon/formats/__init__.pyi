@@ -1,7 +1,7 @@
 """Names that other rooms may use, and where each is defined."""
 
 from echelon.formats.description.document import Document as Document
-from echelon.formats.inertial_rounding import inertial_rounding as inertial_rounding
+from echelon.formats.inertial_decimals import inertial_rounding as inertial_rounding
 from echelon.formats.joint_limits import StatedLimits as StatedLimits
 from echelon.formats.joint_limits import stated_limits as stated_limits
 from echelon.formats.linear_models import linear_document as linear_document
