@@ -137,3 +137,31 @@ def test_wheels_roll_on_level_ground(seed: int) -> None:
     base = ec.base_parameters(replace(robot, contacts=(wheel,)), budget=0)
     touch = Touch(names[body], np.zeros(3), "rolling", radius=float(radius))
     assert agrees(base, Observed(model, names).standing(rng, [touch]))
+
+
+def touching(extra: str = "") -> ec.Mechanism:
+    """A small arm that touches something with its last link."""
+    return ec.load(
+        "{echelon: 1, gravity: [0, 0, -9.81], modified_dh: [{joint: revolute}, {joint: revolute, alpha: pi/2, a: '0.1'},"
+        " {joint: revolute, a: '0.3'}, {joint: revolute, a: '0.2', alpha: pi/2}, {joint: revolute, a: '0.1', alpha: -pi/2}],"
+        f" contacts: [{{body: j5, at: {{xyz: [0.1, 0.2, 0.3]}}}}{extra}]}}"
+    )
+
+
+def test_contacts_have_names_of_their_own() -> None:
+    with pytest.raises(ec.InputError, match="two contacts have this name"):
+        touching(", {body: j5}")
+
+
+def test_base_parameters_of_contacts_are_no_full_model() -> None:
+    base = ec.base_parameters(touching())
+    q = np.zeros((1, 5))
+    with pytest.raises(ec.InputError, match="leave the contacts out"):
+        base.mass_matrix(q, np.ones(base.rank))
+    with pytest.raises(ec.InputError, match="without_contact_forces"):
+        base.accumulate({"q": q, "qd": q, "qdd": q, "y": q})
+    assert "mass_matrix" not in "".join(ec.generate(base, "c").values())
+    with pytest.raises(ec.InputError, match="several sensors together"):
+        ec.sensor_report(base.mechanism)
+    with pytest.raises(ec.InputError, match="contacts or consists of experiments"):
+        ec.compare(base.mechanism, base.mechanism)

@@ -185,3 +185,24 @@ def test_logs_and_motions_are_those_of_one_experiment(job: Any, tmp_path: Any) -
     file.write_text(PANDA.read_text() + "contacts: [{body: j7}]\n")
     with pytest.raises(ec.InputError, match="without_contact_forces"):
         job(file)
+
+
+def test_sensors_that_locks_leave_out_are_refused(panda: ec.Mechanism) -> None:
+    with pytest.raises(ec.InputError, match="'j1' is locked"):
+        ec.base_parameters(ec.Experiment(panda, sensors=["j1", "j2"], locked={"j1": 0}))
+    every = dict.fromkeys(panda.positions, 0.0)
+    with pytest.raises(ec.InputError, match="measures nothing"):
+        ec.base_parameters(ec.Experiment(panda, locked=every))
+
+
+def test_names_that_occur_twice_are_refused(panda: ec.Mechanism) -> None:
+    with pytest.raises(ec.InputError, match="two experiments have the name 'e2'"):
+        ec.joined([ec.Experiment(panda, "e2"), ec.Experiment(panda)])
+    with pytest.raises(ec.InputError, match="has the name of a body"):
+        ec.base_parameters(ec.Experiment(panda, payloads={"j3": "j2"}))
+
+
+def test_one_experiment_does_not_claim_the_proof_of_all() -> None:
+    base = ec.base_parameters(ec.load(EXAMPLES / "experiments/panda_mounted.yaml"))
+    table = base.experiment("table")
+    assert "that of all experiments" in str(table.certificate)

@@ -58,3 +58,9 @@ def test_what_is_no_series_is_refused() -> None:
         ec.motion_ranks(EXAMPLES / "loops/four_bar.yaml")
     with pytest.raises(ec.InputError, match="no series"):
         ec.motion_ranks(EXAMPLES / "floating_tree.yaml")
+
+
+def test_dry_friction_is_refused() -> None:
+    text = "{echelon: 1, modified_dh: [{joint: revolute}], effects: [{type: coulomb, at: j1}]}"
+    with pytest.raises(ec.InputError, match="leave effects with signs out"):
+        ec.motion_ranks(text)

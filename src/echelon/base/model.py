@@ -266,7 +266,16 @@ class BaseModel(BaseSet, Evaluation):
         (('j1', 'j2'), 45)
         """
         own = experiment_of(self.mechanism, name)
-        return replace(self, mechanism=own, matrix=self.matrix.arranged(own.parameters))
+        of_all = "whether this experiment alone shows all: the set is that of all experiments"
+        certificate = replace(
+            self.certificate, unchecked=(*self.certificate.unchecked, of_all)
+        )
+        return replace(
+            self,
+            mechanism=own,
+            matrix=self.matrix.arranged(own.parameters),
+            certificate=certificate,
+        )
 
     # -- B in other forms --------------------------------------------------------------------------------------
 

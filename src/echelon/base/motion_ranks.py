@@ -57,7 +57,7 @@ def motion_ranks(
     Raises
     ------
     InputError
-        If the mechanism has loops, contacts or balls.
+        If the mechanism has loops, contacts, balls, or effects with signs such as dry friction.
 
     Examples
     --------
@@ -73,7 +73,13 @@ def motion_ranks(
             "a free rotation is no series: hold it, or replace it by three turns"
         )
     rng = random_generator(seed)
-    whole = linear_structure(powers_along(robot, Program(), {}), rng).rank
+    every = powers_along(robot, Program(), {})
+    if every.has_signs:
+        raise InputError(
+            "it depends on the coefficients how often a series changes its sign, as dry friction does with the velocity: "
+            "leave effects with signs out"
+        )
+    whole = linear_structure(every, rng).rank
     found = list[int]()
     while len(found) < most and found[-1:] != [whole]:
         found.append(_rank(robot, family, len(found) + 1, rng))
@@ -136,7 +142,7 @@ def _powers(phase: Scalar, degree: int) -> Iterator[tuple[Scalar, Scalar, Scalar
 
 
 def _random(rng: np.random.Generator) -> Fraction:
-    return Fraction(int(rng.integers(1, _SPREAD)), _SPREAD)
+    return Fraction(int(rng.integers(1, _SPREAD)) * int(rng.choice([-1, 1])), _SPREAD)
 
 
 def _by_value(robot: Mechanism) -> set[str]:

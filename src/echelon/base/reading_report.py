@@ -146,6 +146,11 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
         for k in mechanism.carriers
         if len(mechanism.sharing[k]) > 1 and not mechanism.experiments
     ]
+    held = [c.name for c in mechanism.contacts if c.kind.held_axes]
+    if held:
+        notes.append(
+            f"the ground under {in_quotes(held)} may have any slope; on level ground alone fewer may show"
+        )
     if locked := joints_locked_by_loops(mechanism):
         notes.append(
             f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked)}"

@@ -220,6 +220,12 @@ def _candidates(mechanism: Mechanism) -> dict[str, LinearForms]:
     """Rows of every sensor, or of every experiment; columns are those of the mechanism."""
     if mechanism.experiments:
         return {name: _rows_of(mechanism, name) for name in mechanism.experiments}
+    if mechanism.contacts:
+        raise InputError(
+            "where unknown forces act, several sensors together see more than each of them does: derive with the outputs "
+            "of each choice instead, as experiments with other sensors",
+            element=f"contact '{mechanism.contacts[0].name}'",
+        )
     outputs = list(mechanism.outputs)
     if mechanism.measured is None:
         outputs += [

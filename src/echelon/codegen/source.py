@@ -360,6 +360,10 @@ def _named(
 
 def _default_functions(base: BaseModel) -> tuple[list[str], list[str]]:
     """The functions that are written by default; why there is no mass matrix, where effects leave none."""
+    if base.mechanism.contacts:
+        return ["regressor", "contact_jacobian"], [
+            "contacts leave the regressor but for forces there, y = X z - J' f, and their Jacobian J"
+        ]
     names = list(DEFAULT_FUNCTIONS)
     if base.mechanism.dependent_velocities:
         names.append("closed_positions")

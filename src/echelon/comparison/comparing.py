@@ -150,9 +150,15 @@ def _with_locked(
     """Robots with some joints locked, each those that it has."""
     found, names = [], set[str]()
     for robot in robots:
+        if robot.contacts or robot.experiments:
+            raise InputError(
+                f"{robot.name} has contacts or consists of experiments: compare the robots themselves, without these"
+            )
         own = {motion.name for motion in robot.motions}
         own |= {body.joint.name for body in robot.bodies}
         held = lock_joints(robot, {n: at for n, at in locked.items() if n in own})
+        if not held.velocities:
+            raise InputError(f"nothing moves in {robot.name}: lock fewer joints")
         found.append(held if robot.reading is None else held.as_read(robot.reading))
         names |= own
     if strange := [name for name in locked if name not in names]:
@@ -253,7 +259,7 @@ def _same_outputs(one: Mechanism, two: Mechanism, pairs: Correspondence) -> bool
         )
     still = all(_size(place, 0.0) == (0.0, 0.0) for place in pairs.moves.values())
     return (
-        one.outputs == two.outputs
+        set(one.outputs) == set(two.outputs)
         and one.actuators == two.actuators
         and (still or not one.cuts)
     )

@@ -178,10 +178,13 @@ class InertialDifference:
 
     def _compare_effects(self) -> None:
         names = self.pairs.names
-        theirs = {_actions(e, names): e.value or 0.0 for e in self.two.effects}
+        theirs: dict[tuple[Action, ...], float] = {}
+        for effect in self.two.effects:
+            actions = _actions(effect, names)
+            theirs[actions] = theirs.get(actions, 0.0) + (effect.value or 0.0)
         start = len(self.first) - len(self.one.effects)
         for column, effect in enumerate(self.one.effects, start):
-            value = theirs.get(effect.actions, 0.0)
+            value = theirs.pop(effect.actions, 0.0)  # of several alike, the first
             self.standard[column] = self.first[column] - value
             self.noise[column] = COMPUTED * abs(self.first[column])
 

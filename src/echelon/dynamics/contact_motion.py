@@ -40,7 +40,7 @@ from echelon.robot import (
     scale,
     virtual_motion,
 )
-from echelon.shared import InputError
+from echelon.shared import InputError, in_quotes
 
 
 class ContactMotion:
@@ -63,7 +63,10 @@ class ContactMotion:
         slips = self._slips(motions, every=True)
         solved = _Solved.of(program, slips, _rare_first(slips))
         if len(solved.pivots) == len(names):
-            raise InputError("the contacts leave no motion", element="contacts")
+            raise InputError(
+                f"the contacts {self._names} leave no motion; state fewer, or weaker kinds",
+                element="contacts",
+            )
         rates = solved.values(names, "qd")
         still = {f"qdd[{name}]": program.zero for name in names}
         bias = self._bias(rates | still)
@@ -77,11 +80,15 @@ class ContactMotion:
         solved = _Solved.of(self.program, slips, _rare_first(slips))
         if len(solved.pivots) == len(names):
             raise InputError(
-                "unknown forces act on all outputs: nothing can be seen",
+                f"unknown forces at {self._names} act on all outputs, so that nothing can be seen: measure more",
                 element="contacts",
             )
         found = solved.values(names, "u")
         return {name: found[f"u[{name}]"] for name in names if f"u[{name}]" in found}
+
+    @property
+    def _names(self) -> str:
+        return in_quotes([contact.name for contact in self.mechanism.contacts])
 
     @property
     def slips_of_outputs(self) -> list[list[Scalar]]:

@@ -346,6 +346,9 @@ FUNCTIONS: Mapping[str, Builder] = {
 CONTACT_FUNCTIONS: Mapping[str, Builder] = {"contact_jacobian": contact_jacobian}
 """Builders of functions that only mechanisms with contacts have, by name."""
 
+WITH_CONTACTS = ("regressor", "contact_jacobian")
+"""Functions that base parameters of a mechanism with contacts determine, the first but for forces at the contacts."""
+
 LOOP_FUNCTIONS: Mapping[str, Builder] = {
     "closed_positions": closed_positions,
     "closed_velocities": closed_velocities,
@@ -372,5 +375,11 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
     if name not in ALL_FUNCTIONS:
         raise InputError(
             f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})"
+        )
+    if mechanism.contacts and name not in WITH_CONTACTS:
+        raise InputError(
+            f"{name} needs all that moves, and base parameters of a robot with contacts are what unknown forces there "
+            f"leave to be seen: ask for {' and '.join(WITH_CONTACTS)}, or leave the contacts out",
+            element=f"contact '{mechanism.contacts[0].name}'",
         )
     return ALL_FUNCTIONS[name](mechanism, pivots)

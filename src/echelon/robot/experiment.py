@@ -112,7 +112,20 @@ class Experiment:
             robot = replace(robot, measured=_chosen(robot, self.sensors, self._where))
         for load, body in self.payloads.items():
             robot = _loaded(robot, load, body, self._where)
-        return lock_joints(robot, self.locked)
+        held = lock_joints(robot, self.locked)
+        measured = {output.name for output in held.outputs}
+        asked = [output.name for output in robot.outputs] if self.sensors else []
+        gone = next((name for name in asked if name not in measured), None)
+        if gone is not None:
+            raise InputError(
+                f"'{gone}' is locked, so that its force is not measured: leave it out of the sensors",
+                element=self._where,
+            )
+        if not measured:
+            raise InputError(
+                "it measures nothing, since all joints are locked", element=self._where
+            )
+        return held
 
     @cached_property
     def mounting(self) -> Placement:
@@ -173,6 +186,10 @@ def _loaded(robot: Mechanism, name: str, carrier: str, where: str) -> Mechanism:
     """The robot with a body more, which is rigidly on another and has parameters of its own."""
     check_identifier(name, f"payload '{name}'")
     bodies = [body.name for body in robot.bodies]
+    if name in bodies:
+        raise InputError(
+            f"payload '{name}' has the name of a body; choose another", element=where
+        )
     if carrier not in bodies:
         raise InputError(
             f"payload '{name}': there is no body '{carrier}'{nearest_of(carrier, bodies)}",
@@ -235,7 +252,11 @@ def joined(experiments: Sequence[Experiment]) -> Mechanism:
     ]
     for e in named:
         check_identifier(e.name, f"experiment '{e.name}'")
-    check_distinct([e.name for e in named], "experiments")
+    names = [e.name for e in named]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"two experiments have the name '{twice}'")
+    check_distinct(names, "experiments")
     whole = _stacked(named)
     readings = [m.reading for m in (mechanism_of(e.robot) for e in named)]
     known = [reading for reading in readings if reading is not None]

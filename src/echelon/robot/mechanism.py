@@ -642,8 +642,16 @@ def _check_contacts(mechanism: Mechanism) -> None:
             "a robot with loops cannot have contacts with unknown forces: state them as loops to the ground",
             element=f"contact '{mechanism.contacts[0].name}'",
         )
+    names = [contact.name for contact in mechanism.contacts]
     for contact in mechanism.contacts:
         where = f"contact '{contact.name}'"
+        if names.count(contact.name) > 1:
+            raise InputError(
+                "two contacts have this name; give them names of their own (name: heel)",
+                element=where,
+            )
+        if (contact.radius.number or 0) < 0:  # type: ignore[operator]
+            raise InputError("its radius is negative", element=where)
         if not 0 <= contact.body < len(mechanism.bodies):
             raise InputError("it is at a body that does not exist", element=where)
         for component in contact.measured:
