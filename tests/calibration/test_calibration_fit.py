@@ -222,6 +222,7 @@ def test_intervals_hold(name: str) -> None:
     assert 0.93 < np.mean(inside) < 0.985
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["contact", "plane", "sphere"])
 def test_touched_surfaces_calibrate(kind: str) -> None:
     rng = np.random.default_rng(3)

@@ -177,3 +177,13 @@ def test_geometry_is_not_fitted(tmp_path: Path) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ec.InputError, match="only constants of effects are fitted"):
         ec.load(path)
+
+
+@pytest.mark.parametrize("vs", ["{fit: [-1, 1]}", "0"])
+def test_velocities_of_laws_are_above_zero(vs: str) -> None:
+    text = (
+        f"{{echelon: 1, symbols: {{vs: {vs}}}, modified_dh: [{{joint: revolute}}],"
+        " effects: [{type: stribeck, at: j1, velocity: vs}]}"
+    )
+    with pytest.raises(ec.InputError, match=r"symbols\.vs.*above zero"):
+        ec.load(text)

@@ -26,7 +26,8 @@ from echelon.identification.conditioning import conditioning
 from echelon.identification.judge.hypothesis import Kind, Usual
 from echelon.identification.judge.judge import Judged
 from echelon.identification.servos.servo_fit import ServoLimit, ServoScore
-from support.paths import EXAMPLES
+from echelon.robot.effect import KINDS
+from support.paths import EXAMPLES, ROOT
 from support.pendulum_logs import pendulum, write_log
 
 STATE = dict(
@@ -71,6 +72,22 @@ identification: {bodies: {link3: {mass: [0, 5]}}}
 """,
     "snake.yaml": "echelon: 1\nname: snake\nmodified_dh:\n"
     + "  - {joint: revolute, alpha: pi/2, d: 0.1}\n" * 13,
+    "touching.yaml": """echelon: 1
+name: touching
+modified_dh: [{joint: revolute}, {joint: revolute, alpha: pi/2, a: 0.3}, {joint: revolute, a: 0.2}, {joint: revolute}]
+contacts: [{body: j4}]
+""",
+    "bristles.yaml": """echelon: 1
+name: bristles
+modified_dh: [{joint: revolute}]
+effects: [{type: lugre, at: j1, stiffness: 1000, velocity: 0.1, ratio: 1.5}]
+""",
+    "tilted.yaml": """echelon: 1
+name: tilted
+modified_dh: [{joint: revolute}, {joint: revolute, a: 0.3}]
+log: {position: {j1: q1, tilt: t}, sensors: {tilt: j1 + j2}}
+""",
+    "longer.urdf": (EXAMPLES / "so101.urdf").read_text().replace("-0.1349", "-0.1449"),
     "wrong.txt": "ZZ1 + l1^2*M2 + M1\nMX1 + l1*M2\nMY1\nZZ2\nMX2\n",
 }
 
@@ -361,6 +378,19 @@ OBJECTS: Mapping[str, Example] = {
         lambda: ec.same_row_space(base(), ec.energy_regressor(base().mechanism))
     ),
     "comparison": Example(lambda: ec.compare(*[EXAMPLES / "so101.urdf"] * 2)),
+    "comparison of other inertias": Example(
+        lambda: ec.compare(
+            EXAMPLES / "so101.urdf", ROOT / "docs/examples/so101_cad.urdf"
+        )
+    ),
+    "comparison of other lengths": Example(
+        lambda: ec.compare(EXAMPLES / "so101.urdf", file("longer.urdf"))
+    ),
+    "experiment": Example(lambda: ec.Experiment(EXAMPLES / "panda.yaml", "table")),
+    "contacts": Example(load("touching.yaml"), read_literally),
+    "bristles": Example(load("bristles.yaml"), read_literally),
+    "a law of friction": Example(lambda: KINDS["viscous"]),
+    "sensors of the motion": Example(lambda: ec.load_setup(file("tilted.yaml"))),
     "equality": Example(lambda: ec.Equality.EQUAL),
     "sensors": Example(lambda: ec.sensor_report(base().mechanism)),
     "audit": Example(lambda: ec.audit(base(), file("wrong.txt")), str),

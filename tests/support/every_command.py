@@ -75,6 +75,7 @@ COMMANDS = {
     "sensors": "sensors arm.yaml --size 2 --json",
     "audit": "audit arm.yaml claimed.txt --json",
     "compare": "compare arm.yaml arm.yaml --json",
+    "calibrate": "calibrate arm.yaml --json",
     **{
         f"generate-{name}": f"generate arm.yaml --target {name} -o code-{name} --json"
         for name in LANGUAGES

@@ -136,7 +136,7 @@ def plan(
     >>> table, wall = ec.Experiment(robot, "table"), ec.Experiment(robot, "wall", gravity=(9.81, 0, 0))
     >>> held = ec.Experiment(robot, "held", locked={"j1": 0})
     >>> ec.plan([held, table, wall]).smallest
-    ('table', 'wall')
+    ('wall',)
     """
     return sensor_report(
         joined(candidates), size, seed=seed, budget=budget, progress=progress
@@ -289,8 +289,9 @@ def _spaces(
     progress: Progress,
 ) -> _Spaces:
     progress("structure")
+    one = "experiment" if mechanism.experiments else "sensor"
     numbers = {
-        name: f"{number} of {len(forms)}" for number, name in enumerate(forms, 1)
+        name: f"{one} {number} of {len(forms)}" for number, name in enumerate(forms, 1)
     }
     if not all(form.rational for form in forms.values()):
         _warn_of_rounding(mechanism, rng)
@@ -304,7 +305,10 @@ def _spaces(
         field = PrimeField.random(rng)
         try:
             bases.append(
-                (partial(rank, field=field), _row_spaces(forms, field, rng, progress))
+                (
+                    partial(rank, field=field),
+                    _row_spaces(forms, field, rng, progress, numbers),
+                )
             )
         except (DegenerateSampleError, ClosedFormError):
             continue
@@ -330,14 +334,15 @@ def _row_spaces(
     field: PrimeField,
     rng: np.random.Generator,
     progress: Progress,
+    numbers: Mapping[str, str],
 ) -> dict[str, Residues]:
-    """A basis of every sensor's row space."""
+    """A basis of every sensor's row space; ``numbers`` say which it is of how many."""
     samplers = {name: f.sampler() for name, f in forms.items()}
     symbols = sorted({s for sampler in samplers.values() for s in sampler.symbols})
     geometry = {s: field.draw(rng, (1,)) for s in symbols}
     spaces: dict[str, Residues] = {}
-    for number, (name, sampler) in enumerate(samplers.items(), 1):
-        progress(f"what {name} sees ({number} of {len(samplers)}, modulo {field.p})")
+    for name, sampler in samplers.items():
+        progress(f"what {name} sees ({numbers[name]}, modulo {field.p})")
         own = {s: geometry[s] for s in sampler.symbols}
         spaces[name] = persistent(
             partial(row_space, forms[name], field, rng, own)

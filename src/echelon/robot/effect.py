@@ -233,8 +233,8 @@ CONSTANTS: dict[str, dict[str, str | None]] = {
 }
 """Constants that a ready-made effect needs, with defaults."""
 
-POSITIVE_CONSTANTS = ("width", "velocity", "exponent")
-"""Constants that are positive: speeds that a law divides by, and powers of them."""
+POSITIVE_CONSTANTS = ("width", "velocity", "exponent", "stiffness", "ratio")
+"""Constants that are positive: speeds that a law divides by, and powers of them; what bristles have."""
 
 
 def ready_made(

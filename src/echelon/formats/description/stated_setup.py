@@ -37,6 +37,7 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.formats.usual_effects import effect_label, floating_velocities, slides
 from echelon.robot import (
     GROUND,
+    POSITIVE_CONSTANTS,
     Action,
     Actuator,
     Body,
@@ -297,6 +298,8 @@ class Additions:
             free = floating_velocities(self.mechanism)
             every = self.mechanism.velocities if entry.side == "joint" else self._drives
             names = tuple(name for name in self._stiff(every) if name not in free)
+        for constant, text in entry.constants.items():
+            self._check_positive(constant, text)
         found: list[tuple[Effect, ...]] = []
         for name in names:
             side = self._side(name, entry.side, f"{path}.at")
@@ -318,6 +321,18 @@ class Additions:
             self._shared(effects, f"{path}.label")
             for effects in zip(*found, strict=True)
         ]
+
+    def _check_positive(self, constant: str, text: str) -> None:
+        """Refuse a symbol with a value, or a range to be fitted in, that a constant of a law cannot have."""
+        symbol = self.expressions.snapping.symbols.get(text)
+        if symbol is None or constant not in POSITIVE_CONSTANTS:
+            return
+        least = symbol.value if symbol.fit is None else symbol.fit[0]
+        if least is not None and least <= 0:
+            problem = (
+                f"it is the {constant} of a law, which is above zero, and not {least:g}"
+            )
+            raise self.expressions.error(f"symbols.{text}", problem)
 
     def _shared(self, effects: Sequence[Effect], path: str) -> Effect:
         """Effects of one label at several places as one, whose parameter all places share."""
