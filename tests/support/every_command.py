@@ -55,6 +55,7 @@ SCHEMAS = (
     "identified",
     "trajectory",
     "comparison",
+    "calibration",
 )
 
 COMMANDS = {
