@@ -143,7 +143,11 @@ class Calibration:
             for name in beside
         ]
         return calibrated_robot(
-            self.robot.mechanism, self.robot.moves, self.file, remarks
+            self.robot.mechanism,
+            self.robot.moves,
+            self.file,
+            remarks,
+            self.robot.mounts,
         )
 
     def __repr__(self) -> str:
