@@ -170,3 +170,45 @@ def test_a_real_arm() -> None:
     assert turn.after < np.radians(0.212)
     assert place.before > 3e-3
     assert "113" in found.outliers[0]
+
+
+def test_rounded_angles_stay_in_the_calibrated_file(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF.replace("1.5708", "1.57"))
+    log = pose_log(ec.load(path, snap_tolerance=0))
+    found = ec.calibrate(path, log, measure=[{"pose": "three"}])
+    again = tmp_path / "again.urdf"
+    again.write_text(found.written.text)
+    q = np.random.default_rng(5).uniform(-1, 1, (10, 3))
+    expected = Kinematics(found.robot.mechanism).frames(q)
+    read = ec.load(again, snap_tolerance=0)
+    np.testing.assert_allclose(Kinematics(read).frames(q), expected, atol=1e-7)
+
+
+def test_mounts_of_branches_are_written(tmp_path: Path) -> None:
+    branch = """<link name="arm"/><joint name="d" type="revolute"><parent link="base"/>
+    <child link="arm"/><origin xyz="0 0.2 0.1" rpy="0.3 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>"""
+    path = tmp_path / "arms.urdf"
+    path.write_text(URDF.replace("</robot>", branch))
+    robot = ec.load(path)
+    model = pinocchio_model(robot)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1, 1, (40, 4))
+    seen = np.array(body_frames(model, q, {3: twist(rng, 1e-3, 2e-3)}))
+    arm = [b.name for b in robot.bodies].index("arm")
+    three = [b.name for b in robot.bodies].index("three")
+    relative = np.linalg.inv(seen[:, arm]) @ seen[:, three]
+    log = {f"q_{name}": q[:, k] for k, name in enumerate(robot.positions)}
+    log |= {axis: relative[:, k, 3] for k, axis in enumerate("xyz")}
+    vectors = np.array([pin.log3(one[:3, :3]) for one in relative])
+    log |= {f"r{axis}": vectors[:, k] for k, axis in enumerate("xyz")}
+    for axis in "xyz":
+        log[axis] = log[axis] + 1e-5 * rng.normal(size=40)
+    found = ec.calibrate(path, log, measure=[{"pose": "three", "on": "arm"}])
+    again = tmp_path / "again.urdf"
+    again.write_text(found.written.text)
+    expected = Kinematics(found.robot.mechanism).frames(q)
+    read = Kinematics(ec.load(again, snap_tolerance=0)).frames(q)
+    np.testing.assert_allclose(read, expected, atol=1e-5)
+    assert any(name.endswith("b") and value for name, value in found.errors.items())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
 from typing import Any
@@ -32,6 +32,8 @@ from echelon.shared import (
 
 UNSEEN = 0.5
 """Share of the usual deviation of a combination that is left when the log says nothing of it."""
+SAME_ANGLE = 1e-5
+"""Difference of angles as read and as written, rad, that no calibration tells."""
 LEVEL = 0.95
 """Of the intervals."""
 HELD = 2
@@ -210,7 +212,7 @@ def calibrate(
     (33, ())
     """
     say = on_step or (lambda _: None)
-    setup = setup_for(robot)
+    setup = _as_written(setup_for(robot))
     model = error_model(setup, measure, errors)
     say("reading")
     data = observed(model, setup, log_paths(logs))
@@ -234,6 +236,26 @@ def setup_for(robot: Any) -> Setup:
     file = None if robot.reading is None else robot.reading.file
     stated = file.robot if isinstance(file, RobotFile) else None
     return Setup(robot.name, robot, robot_file=stated)
+
+
+def _as_written(setup: Setup) -> Setup:
+    """A set-up whose robot has the numbers of its file, where these are what changes in a calibrated file.
+
+    An angle of 1.57 that is read as π/2 stays 1.57 in the calibrated file, and its rest would be missing there.
+    """
+    file, reading = setup.robot_file, setup.mechanism.reading
+    edited = file is not None and not file.is_description and file.root.tag != "sdf"
+    if not edited or reading is None or not isinstance(reading.file, RobotFile):
+        return setup
+    if all(snap.difference <= SAME_ANGLE for snap in reading.snaps):
+        return setup
+    options = replace(reading.options, snap_tolerance=0.0)
+    literal = reading.file.mechanism(options)
+    if literal.positions != setup.mechanism.positions:
+        raise InputError(
+            "its file has rounded angles: read it with  snap_tolerance=0, since the calibrated file keeps them"
+        )
+    return replace(setup, mechanism=literal)
 
 
 def error_model(

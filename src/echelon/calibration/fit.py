@@ -330,7 +330,7 @@ class GeometryFit:
                 state, noise=self.noise(at, used, len(z), robust=loss != "linear")
             )
             at = replace(at, noise=state.noise)
-        covariance = np.linalg.inv(np.asarray(jacobian.T @ jacobian, dtype=float))
+        covariance = _covariance(jacobian)
         return Fitted(at, z, covariance, spread, used, named, self.data.present & ~used)
 
     def noise(
@@ -369,6 +369,16 @@ class GeometryFit:
             if far.sum() <= MOST_OUTLIERS * present.sum():
                 found[:, k] = far
         return found
+
+
+def _covariance(jacobian: Floats) -> Floats:
+    """Inverse of Jᵀ J by singular values, whose variances are positive however exact a log is."""
+    sizes = np.linalg.norm(jacobian, axis=0)
+    _, values, directions = np.linalg.svd(jacobian / sizes, full_matrices=False)
+    values = np.maximum(values, np.finfo(float).eps * values[0])
+    root = (directions.T / values) / sizes[:, None]
+    found: Floats = root @ root.T
+    return found
 
 
 def chi_squared(numbers: int, beyond: float) -> float:
