@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import echelon as ec
-from echelon.calibration import calibration_schema
+from echelon.calibration import calibration_document, calibration_schema
 from echelon.dynamics import Kinematics
 from support.command_line import run
 from support.measured_logs import measured
@@ -212,3 +212,68 @@ def test_mounts_of_branches_are_written(tmp_path: Path) -> None:
     read = Kinematics(ec.load(again, snap_tolerance=0)).frames(q)
     np.testing.assert_allclose(read, expected, atol=1e-5)
     assert any(name.endswith("b") and value for name, value in found.errors.items())
+
+
+READ_WRONGLY: dict[str, tuple[list[dict[str, object]], str]] = {
+    "one column twice": (
+        [{"position": "three", "name": "a"}, {"position": "two", "name": "b"}],
+        "reads the column 'x', as 'a' does",
+    ),
+    "another order": (
+        [{"pose": "three", "columns": ["x", "y", "z", "qx", "qy", "qz", "qw"]}],
+        "list them in that order",
+    ),
+    "columns of one distance": (
+        [{"distance": "three", "columns": ["x", "y", "z"]}],
+        "3 columns are no distance",
+    ),
+    "columns of a known length": (
+        [{"distance": "three", "length": 0.5, "columns": "x"}],
+        "no column is read",
+    ),
+    "unknown key": ([{"pose": "three", "foo": 1}], "unknown key 'foo'"),
+}
+
+
+@pytest.mark.parametrize("case", READ_WRONGLY)
+def test_nothing_is_read_as_what_it_is_not(case: str) -> None:
+    measure, message = READ_WRONGLY[case]
+    log = pose_log(ec.load(URDF)) | dict.fromkeys(
+        ("qx", "qy", "qz", "qw"), np.full(40, 0.5)
+    )
+    with pytest.raises(ec.InputError, match=message):
+        ec.calibrate(URDF, log, measure=measure)
+
+
+def test_columns_of_one_name_are_refused() -> None:
+    log = pose_log(ec.load(URDF))
+    log["x [mm]"] = log["x"] * 1e3 + 50
+    with pytest.raises(ec.InputError, match="have one name"):
+        ec.calibrate(URDF, log, measure=[{"pose": "three"}])
+
+
+def test_what_explains_nothing_is_doubted() -> None:
+    log = pose_log(ec.load(URDF))
+    for axis in "xyz":
+        log[axis] = log[axis] * 1e3  # mm without a unit
+    with pytest.warns(ec.DoubtWarning, match="mm as m"):
+        found = ec.calibrate(URDF, log, measure=[{"pose": "three"}])
+    assert found.doubts
+    assert calibration_document(found)["doubts"] == list(found.doubts)
+
+
+def test_every_measurement_is_held_out_in_part() -> None:
+    log = pose_log(ec.load(URDF))
+    log["kind"] = np.arange(40) % 2
+    measure = [
+        {"pose": "three", "name": name, "frame": name, "where": {"kind": k}}
+        for k, name in enumerate("ab")
+    ]
+    found = ec.calibrate(URDF, log, measure=measure)
+    assert {score.name: score.rows for score in found.scores} == {"a": 10, "b": 10}
+
+
+def test_nothing_is_written_without_a_log(tmp_path: Path) -> None:
+    done = run("calibrate", ARM, "-o", tmp_path / "out", cwd=ROOT)
+    assert done.returncode == 2
+    assert "without a log" in done.stderr
