@@ -16,7 +16,7 @@ from echelon.algebra import DEFAULT_SEED
 from echelon.base import Identifiability, LinearBase, base_parameters
 from echelon.calibration.applied import Applied, applied
 from echelon.calibration.errors import USUAL_SHIFT, USUAL_TURN
-from echelon.calibration.fit import Fitted, GeometryFit, Observed, State
+from echelon.calibration.fit import MOST_OUTLIERS, Fitted, GeometryFit, Observed, State
 from echelon.calibration.log import observed
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import sights_of
@@ -328,7 +328,9 @@ def calibration_base(
     Parameters
     ----------
     robot, measure, errors, seed
-        As for :func:`calibrate`.  Tools are where their bodies are, at the stated points.
+        As for :func:`calibrate`.  Tools are where their bodies are, at the stated points, and the outer frames of free
+        measurements are those of the base: the fixed point of a distance then is a special one, and one elsewhere may
+        show more.
 
     Returns
     -------
@@ -467,7 +469,14 @@ def _result(
         )
         for (channel, first), (_, last) in sizes
     }
-    doubts = _doubts(scores)
+    doubts = (
+        *_doubts(scores),
+        *(
+            f"measure '{model.sights[k].name}': more than {MOST_OUTLIERS:.0%} of its rows are far from what a robust fit "
+            "leaves of the others, too many to be outliers, and all are kept: look for a log of two set-ups"
+            for k in found.crowded
+        ),
+    )
     for doubt in doubts:
         warnings.warn(doubt, DoubtWarning, stacklevel=3)
     return Calibration(
