@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import echelon as ec
-from echelon.calibration import calibration_schema
+from echelon.calibration import calibration_document, calibration_schema
 from echelon.dynamics import Kinematics
 from support.command_line import run
 from support.measured_logs import measured
@@ -170,3 +170,118 @@ def test_a_real_arm() -> None:
     assert turn.after < np.radians(0.212)
     assert place.before > 3e-3
     assert "113" in found.outliers[0]
+
+
+def test_rounded_angles_stay_in_the_calibrated_file(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF.replace("1.5708", "1.57"))
+    log = pose_log(ec.load(path, snap_tolerance=0))
+    found = ec.calibrate(path, log, measure=[{"pose": "three"}])
+    again = tmp_path / "again.urdf"
+    again.write_text(found.written.text)
+    q = np.random.default_rng(5).uniform(-1, 1, (10, 3))
+    expected = Kinematics(found.robot.mechanism).frames(q)
+    read = ec.load(again, snap_tolerance=0)
+    np.testing.assert_allclose(Kinematics(read).frames(q), expected, atol=1e-7)
+
+
+def test_mounts_of_branches_are_written(tmp_path: Path) -> None:
+    branch = """<link name="arm"/><joint name="d" type="revolute"><parent link="base"/>
+    <child link="arm"/><origin xyz="0 0.2 0.1" rpy="0.3 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>"""
+    path = tmp_path / "arms.urdf"
+    path.write_text(URDF.replace("</robot>", branch))
+    robot = ec.load(path)
+    model = pinocchio_model(robot)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1, 1, (40, 4))
+    seen = np.array(body_frames(model, q, {3: twist(rng, 1e-3, 2e-3)}))
+    arm = [b.name for b in robot.bodies].index("arm")
+    three = [b.name for b in robot.bodies].index("three")
+    relative = np.linalg.inv(seen[:, arm]) @ seen[:, three]
+    log = {f"q_{name}": q[:, k] for k, name in enumerate(robot.positions)}
+    log |= {axis: relative[:, k, 3] for k, axis in enumerate("xyz")}
+    vectors = np.array([pin.log3(one[:3, :3]) for one in relative])
+    log |= {f"r{axis}": vectors[:, k] for k, axis in enumerate("xyz")}
+    for axis in "xyz":
+        log[axis] = log[axis] + 1e-5 * rng.normal(size=40)
+    found = ec.calibrate(path, log, measure=[{"pose": "three", "on": "arm"}])
+    again = tmp_path / "again.urdf"
+    again.write_text(found.written.text)
+    expected = Kinematics(found.robot.mechanism).frames(q)
+    read = Kinematics(ec.load(again, snap_tolerance=0)).frames(q)
+    np.testing.assert_allclose(read, expected, atol=1e-5)
+    assert any(name.endswith("b") and value for name, value in found.errors.items())
+
+
+READ_WRONGLY: dict[str, tuple[list[dict[str, object]], str]] = {
+    "one column twice": (
+        [{"position": "three", "name": "a"}, {"position": "two", "name": "b"}],
+        "reads the column 'x', as 'a' does",
+    ),
+    "another order": (
+        [{"pose": "three", "columns": ["x", "y", "z", "qx", "qy", "qz", "qw"]}],
+        "list them in that order",
+    ),
+    "columns of one distance": (
+        [{"distance": "three", "columns": ["x", "y", "z"]}],
+        "3 columns are no distance",
+    ),
+    "columns of a known length": (
+        [{"distance": "three", "length": 0.5, "columns": "x"}],
+        "no column is read",
+    ),
+    "unknown key": ([{"pose": "three", "foo": 1}], "unknown key 'foo'"),
+}
+
+
+@pytest.mark.parametrize("case", READ_WRONGLY)
+def test_nothing_is_read_as_what_it_is_not(case: str) -> None:
+    measure, message = READ_WRONGLY[case]
+    log = pose_log(ec.load(URDF)) | dict.fromkeys(
+        ("qx", "qy", "qz", "qw"), np.full(40, 0.5)
+    )
+    with pytest.raises(ec.InputError, match=message):
+        ec.calibrate(URDF, log, measure=measure)
+
+
+def test_columns_of_one_name_are_refused() -> None:
+    log = pose_log(ec.load(URDF))
+    log["x [mm]"] = log["x"] * 1e3 + 50
+    with pytest.raises(ec.InputError, match="have one name"):
+        ec.calibrate(URDF, log, measure=[{"pose": "three"}])
+
+
+def test_what_explains_nothing_is_doubted() -> None:
+    log = pose_log(ec.load(URDF))
+    for axis in "xyz":
+        log[axis] = log[axis] * 1e3  # mm without a unit
+    with pytest.warns(ec.DoubtWarning, match="mm as m"):
+        found = ec.calibrate(URDF, log, measure=[{"pose": "three"}])
+    assert found.doubts
+    assert calibration_document(found)["doubts"] == list(found.doubts)
+
+
+def test_every_measurement_is_held_out_in_part() -> None:
+    log = pose_log(ec.load(URDF))
+    log["kind"] = np.arange(40) % 2
+    measure = [
+        {"pose": "three", "name": name, "frame": name, "where": {"kind": k}}
+        for k, name in enumerate("ab")
+    ]
+    found = ec.calibrate(URDF, log, measure=measure)
+    assert {score.name: score.rows for score in found.scores} == {"a": 10, "b": 10}
+
+
+def test_nothing_is_written_without_a_log(tmp_path: Path) -> None:
+    done = run("calibrate", ARM, "-o", tmp_path / "out", cwd=ROOT)
+    assert done.returncode == 2
+    assert "without a log" in done.stderr
+
+
+def test_many_outliers_are_doubted() -> None:
+    log = pose_log(ec.load(URDF))
+    log["x"][:12] += np.linspace(0.05, 0.2, 12)
+    with pytest.warns(ec.DoubtWarning, match="too many to be outliers"):
+        found = ec.calibrate(URDF, log, measure=[{"pose": "three"}])
+    assert any("all are kept" in doubt for doubt in found.doubts)

@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import echelon as ec
+from echelon.calibration import calibration_document
 from echelon.robot import Mechanism
 from support.random_arms import random_arm
 from support.simulated_poses import body_frames, pinocchio_model, twist
@@ -303,3 +304,20 @@ def test_offsets_and_ratios() -> None:
         name = arm.bodies[k].label
         assert found.errors[f"ratio{name}"] == pytest.approx(ratios[k], abs=1e-3)
         assert found.errors[f"offset{name}"] == pytest.approx(offsets[k], abs=1e-3)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_exact_logs_that_leave_combinations_open() -> None:
+    rng = np.random.default_rng(4)
+    pin.seed(4)
+    arm = mechanism_of("ur10")
+    truth = planted(arm, rng)
+    q = poses(arm, 40, rng)
+    q[:, 3] = 0.3
+    seen = truth.seen(q)
+    columns = {axis: seen[:, k, 3] for k, axis in enumerate("xyz")}
+    columns |= {f"r{i + 1}{j + 1}": seen[:, i, j] for i in range(3) for j in range(3)}
+    found = ec.calibrate(arm, table(arm, q, **columns))
+    assert found.hidden
+    assert np.isfinite(found.deviations).all()
+    assert calibration_document(found)["rank"] == found.base.rank

@@ -191,3 +191,39 @@ def test_surfaces_are_touched_at_numbers() -> None:
     arm = "echelon: 1\nsymbols: {l: null}\nmodified_dh: [{joint: revolute}, {joint: revolute, a: l}]\n"
     with pytest.raises(ec.InputError, match="give all symbols values"):
         ec.calibration_base(arm, measure=[{"plane": "j2"}])
+
+
+def arms(torso: bool) -> str:
+    """Two arms on the base, or on a turning torso."""
+    lines = ["echelon: 1", "name: arms", "bodies:"]
+    if torso:
+        lines.append("  - {name: torso, joint: {type: revolute, name: w, axis: z}}")
+    for side, y in (("a", 0.2), ("b", -0.2)):
+        for k, (place, turn) in enumerate(
+            [
+                ([0, y, 0.3], [0, 0, 0]),
+                ([0.1, 0, 0.2], ["-pi/2", 0, 0]),
+                ([0.4, 0, 0], [0, 0, "pi/2"]),
+                ([0, 0.1, 0.3], ["pi/2", 0, 0]),
+            ],
+            1,
+        ):
+            first = "parent: torso, " if torso else ""
+            parent = f"parent: {side}l{k - 1}, " if k > 1 else first
+            turns = ", ".join(map(str, turn))
+            origin = f"{{xyz: {place}, rpy: [{turns}]}}"
+            joint = f"{{type: revolute, name: {side}{k}, axis: z, origin: {origin}}}"
+            lines.append(f"  - {{name: {side}l{k}, {parent}joint: {joint}}}")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("torso", "together", "rank"),
+    [(False, False, 38), (False, True, 44), (True, False, 38), (True, True, 48)],
+)
+def test_mounts_of_branches_are_errors(torso: bool, together: bool, rank: int) -> None:
+    """Ranks of singular values; a torso under both arms is nothing to one seen from the other."""
+    measure = [{"pose": "al4", "on": "bl4"}]
+    if together:
+        measure = [{"pose": "al4", "name": "A"}, {"pose": "bl4", "name": "B"}]
+    assert ec.calibration_base(arms(torso), measure=measure).rank == rank

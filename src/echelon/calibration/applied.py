@@ -7,7 +7,7 @@ joints, ends of loops, and tools.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,6 +35,8 @@ class Applied:
     moves: Mapping[
         str, Floats
     ]  # by body: where what is fixed to it sits now, shape (4, 4)
+    # by body: how its joint is moved on its parent, seen from the parent's frame, shape (4, 4)
+    mounts: Mapping[str, Floats] = field(default_factory=dict)
 
     def place(self, body: int, frame: Floats) -> Floats:
         """Where a tool sits on a body now."""
@@ -47,7 +49,7 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
     """The robot with errors of some names; ratios and compliances are no part of its geometry."""
     labels = labels_of(mechanism)
     known = known_values(mechanism)
-    moves = dict[str, Floats]()
+    moves, mounts = dict[str, Floats](), dict[str, Floats]()
     bodies = []
     for body in mechanism.bodies:
         steps: list[Step] = []
@@ -57,6 +59,14 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
         ):
             steps.append(as_placement(moves[name]))
         motions = body.joint.motions
+        before = np.eye(4)
+        for step in body.joint.steps:
+            if isinstance(step, Motion):
+                mount = error_frame(values, f"{labels[step.name]}b")
+                if not np.array_equal(mount, np.eye(4)):
+                    mounts[body.name] = before @ mount @ np.linalg.inv(before)
+                break
+            before = before @ placement_matrix(step, known)
         for step in body.joint.steps:
             if isinstance(step, Motion) and step is motions[0]:
                 steps += _changed(error_frame(values, f"{labels[step.name]}b"))
@@ -90,7 +100,9 @@ def applied(mechanism: Mechanism, values: Mapping[str, float]) -> Applied:
             frames.append(whole)
         closures.append(replace(closure, first_frame=frames[0], second_frame=frames[1]))
     return Applied(
-        replace(mechanism, bodies=tuple(bodies), closures=tuple(closures)), moves
+        replace(mechanism, bodies=tuple(bodies), closures=tuple(closures)),
+        moves,
+        mounts,
     )
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from echelon.algebra import DEFAULT_SEED
 from echelon.base import Identifiability, LinearBase, base_parameters
 from echelon.calibration.applied import Applied, applied
-from echelon.calibration.fit import Fitted, GeometryFit, Observed, State
+from echelon.calibration.errors import USUAL_SHIFT, USUAL_TURN
+from echelon.calibration.fit import MOST_OUTLIERS, Fitted, GeometryFit, Observed, State
 from echelon.calibration.log import observed
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import sights_of
@@ -22,16 +25,24 @@ from echelon.identification import Setup, log_paths, setup_of
 from echelon.robot import Mechanism
 from echelon.shared import (
     CalibrationErrors,
+    DoubtWarning,
     Flags,
     Floats,
     InputError,
     extra,
+    nearest_of,
     public,
     symbol_stem,
 )
 
 UNSEEN = 0.5
 """Share of the usual deviation of a combination that is left when the log says nothing of it."""
+FAR = 3.0
+"""Size of what is left, beside usual errors, that no calibrated geometry leaves."""
+ALIKE, WORSE = 0.8, 1.5
+"""Shares of what was left before: from these on nothing was explained, or held-out rows speak against the values."""
+SAME_ANGLE = 1e-5
+"""Difference of angles as read and as written, rad, that no calibration tells."""
 LEVEL = 0.95
 """Of the intervals."""
 HELD = 2
@@ -100,6 +111,8 @@ class Calibration:
         The calibrated mechanism.
     residuals : mapping of str to (array, array)
         Size of what is left of each measurement in all rows, m or rad, before and after.
+    doubts : tuple of str
+        What speaks against the result: measurements that it does not explain.
     """
 
     base: LinearBase
@@ -117,6 +130,7 @@ class Calibration:
     robot: Applied
     residuals: Mapping[str, tuple[Floats, Floats]]
     file: RobotFile | None = field(default=None, repr=False)
+    doubts: tuple[str, ...] = ()
 
     @property
     def unidentifiable(self) -> tuple[str, ...]:
@@ -143,7 +157,11 @@ class Calibration:
             for name in beside
         ]
         return calibrated_robot(
-            self.robot.mechanism, self.robot.moves, self.file, remarks
+            self.robot.mechanism,
+            self.robot.moves,
+            self.file,
+            remarks,
+            self.robot.mounts,
         )
 
     def __repr__(self) -> str:
@@ -206,11 +224,11 @@ def calibrate(
     (33, ())
     """
     say = on_step or (lambda _: None)
-    setup = setup_for(robot)
+    setup = _as_written(setup_for(robot))
     model = error_model(setup, measure, errors)
     say("reading")
     data = observed(model, setup, log_paths(logs))
-    odd = np.arange(len(data)) % HELD == HELD - 1
+    odd = _held(data)
     fitting, held = data.part(~odd), data.part(odd)
     say("finding frames")
     nominal = GeometryFit(model, fitting, seed).start()
@@ -223,6 +241,18 @@ def calibrate(
     return _result(setup, whole, base, nominal, judged, found, held)
 
 
+def _held(data: Observed) -> Flags:
+    """Every second row of those that measure the same things."""
+    odd = np.zeros(len(data), dtype=bool)
+    for kind in np.unique(data.present, axis=0):
+        same = np.flatnonzero((data.present == kind).all(axis=1))
+        odd[same[HELD - 1 :: HELD]] = True
+    for k in range(data.present.shape[1]):
+        if not (data.present[:, k] & ~odd).any():
+            odd[np.flatnonzero(data.present[:, k])] = False
+    return odd
+
+
 def setup_for(robot: Any) -> Setup:
     """A set-up of a mechanism, or of whatever else stands for a robot."""
     if not isinstance(robot, Mechanism):
@@ -230,6 +260,26 @@ def setup_for(robot: Any) -> Setup:
     file = None if robot.reading is None else robot.reading.file
     stated = file.robot if isinstance(file, RobotFile) else None
     return Setup(robot.name, robot, robot_file=stated)
+
+
+def _as_written(setup: Setup) -> Setup:
+    """A set-up whose robot has the numbers of its file, where these are what changes in a calibrated file.
+
+    An angle of 1.57 that is read as π/2 stays 1.57 in the calibrated file, and its rest would be missing there.
+    """
+    file, reading = setup.robot_file, setup.mechanism.reading
+    edited = file is not None and not file.is_description and file.root.tag != "sdf"
+    if not edited or reading is None or not isinstance(reading.file, RobotFile):
+        return setup
+    if all(snap.difference <= SAME_ANGLE for snap in reading.snaps):
+        return setup
+    options = replace(reading.options, snap_tolerance=0.0)
+    literal = reading.file.mechanism(options)
+    if literal.positions != setup.mechanism.positions:
+        raise InputError(
+            "its file has rounded angles: read it with  snap_tolerance=0, since the calibrated file keeps them"
+        )
+    return replace(setup, mechanism=literal)
 
 
 def error_model(
@@ -240,13 +290,29 @@ def error_model(
     """Error model of a set-up's robot: measurements, and the errors that are looked for."""
     entries: Sequence[MeasureEntry] = ()
     if measure is not None:
-        entries = [MeasureEntry.model_validate(dict(entry)) for entry in measure]
+        entries = [_entry(entry, k) for k, entry in enumerate(measure)]
     else:
         entries = setup.measure
     sights = sights_of(setup.mechanism, entries)
     if not errors:
         raise InputError("no errors are looked for: name some, such as  frames")
     return ErrorModel(setup.mechanism, sights, frozenset(errors))
+
+
+def _entry(stated: Mapping[str, Any], count: int) -> MeasureEntry:
+    """A measurement that is stated in Python, or what is wrong with it."""
+    try:
+        return MeasureEntry.model_validate(dict(stated))
+    except ValidationError as error:
+        first = error.errors()[0]
+        problem = first["msg"].removeprefix("Value error, ")
+        place = [str(part) for part in first["loc"][:1]]
+        if key := first.get("ctx", {}).get("key"):
+            problem = (
+                f"unknown key '{key}'{nearest_of(key, list(MeasureEntry.model_fields))}"
+            )
+        where = ".".join([f"measure[{count}]", *place])
+        raise InputError(problem, element=where) from None
 
 
 @public
@@ -262,7 +328,9 @@ def calibration_base(
     Parameters
     ----------
     robot, measure, errors, seed
-        As for :func:`calibrate`.  Tools are where their bodies are, at the stated points.
+        As for :func:`calibrate`.  Tools are where their bodies are, at the stated points, and the outer frames of free
+        measurements are those of the base: the fixed point of a distance then is a special one, and one elsewhere may
+        show more.
 
     Returns
     -------
@@ -401,6 +469,16 @@ def _result(
         )
         for (channel, first), (_, last) in sizes
     }
+    doubts = (
+        *_doubts(scores),
+        *(
+            f"measure '{model.sights[k].name}': more than {MOST_OUTLIERS:.0%} of its rows are far from what a robust fit "
+            "leaves of the others, too many to be outliers, and all are kept: look for a log of two set-ups"
+            for k in found.crowded
+        ),
+    )
+    for doubt in doubts:
+        warnings.warn(doubt, DoubtWarning, stacklevel=3)
     return Calibration(
         base,
         found.z,
@@ -417,7 +495,31 @@ def _result(
         robot,
         residuals,
         setup.robot_file,
+        doubts,
     )
+
+
+def _doubts(scores: Sequence[CalibrationScore]) -> tuple[str, ...]:
+    """Measurements that the calibrated geometry does not explain, with what often is the cause."""
+    found = []
+    for score in scores:
+        usual = USUAL_SHIFT if score.unit == "m" else USUAL_TURN
+        large = score.after > FAR * usual
+        unexplained = score.after > ALIKE * score.before and score.after > usual / 2
+        worse = score.after > WORSE * score.before and score.after > usual / 100
+        end = f"{_shown(score.before, score.unit)} before and {_shown(score.after, score.unit)} after"
+        if large or unexplained:
+            found.append(
+                f"measure '{score.name}': no small errors explain it, with {end} in held-out rows: look for degrees "
+                "read as rad, mm as m, Euler angles as a rotation vector, the inverse pose, and the order of columns "
+                "or joints"
+            )
+        elif worse:
+            found.append(
+                f"measure '{score.name}': held-out rows are explained worse than by the nominal geometry, with {end}: "
+                "measure more poses"
+            )
+    return tuple(found)
 
 
 def _outliers(model: ErrorModel, data: Observed, outlying: Flags) -> tuple[str, ...]:

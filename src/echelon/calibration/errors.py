@@ -2,7 +2,8 @@
 
 Behind every elementary motion stand six errors of the frame that it moves (a product of exponentials in local frames),
 or the errors of Denavit–Hartenberg parameters; joint offsets, gear ratios and compliances turn or shift along the
-motion's own axis.  Recorded on the program of the robot's frames, errors are inputs like any others: derivatives by
+motion's own axis.  Where a body, or the base, carries several branches, six errors of the mount of each stand before
+its first motion.  Recorded on the program of the robot's frames, errors are inputs like any others: derivatives by
 them are those of the program, and no kinematics but that of :mod:`echelon.robot.steps` is needed.
 """
 
@@ -81,13 +82,18 @@ class ErredRecorder(Recorder):
     def steps(self, body: int) -> list[RecordedStep]:
         """Recorded steps from a body's parent to the body, with errors behind its motions."""
         joint = self.mechanism.bodies[body].joint
-        found: list[RecordedStep] = []
-        if "modified_dh" in self.kinds:
+        found, mount = list[RecordedStep](), list[RecordedStep]()
+        if "frames" in self.kinds and self._branches(body):
+            for motion in joint.motions[:1]:
+                mount += self.frame(f"{self._labels[motion.name]}b")
+        elif "modified_dh" in self.kinds:
             for motion in joint.motions[:1]:
                 self._check_table(motion, body)
-                found += self.frame(f"{self._labels[motion.name]}b", ("px", "rx"))
+                mount += self.frame(f"{self._labels[motion.name]}b", ("px", "rx"))
         for step in joint.steps:
             if isinstance(step, Motion):
+                if step is joint.motions[0]:
+                    found += mount
                 found += [*self._motion(step), *self._behind(step, body)]
             else:
                 found.append(self.placement(step))
@@ -96,6 +102,19 @@ class ErredRecorder(Recorder):
                 self._check_table(motion, body)
                 found += self.frame(f"{self._labels[motion.name]}a", ("px", "rx"))
         return found
+
+    def _branches(self, body: int) -> bool:
+        """Whether what carries the body carries others beside it, so that its mount is no error of theirs."""
+        bodies = self.mechanism.bodies
+
+        def carrier(index: int) -> int:
+            parent = bodies[index].parent
+            still = parent != GROUND and not bodies[parent].joint.motions
+            return carrier(parent) if still else parent
+
+        moving = [k for k, one in enumerate(bodies) if one.joint.motions]
+        beside = [k for k in moving if carrier(k) == carrier(body)]
+        return len(beside) > 1
 
     def frame(
         self,

@@ -120,6 +120,7 @@ class Fitted:
     used: Flags  # shape (N, sights); rows of the fit
     outlying: Flags  # shape (N, sights)
     left_out: Flags  # those of them that are no part of the fit
+    crowded: tuple[int, ...] = ()  # sights with too many far rows to call them outliers
 
 
 class GeometryFit:
@@ -320,18 +321,24 @@ class GeometryFit:
         z, named = np.zeros(len(b)), np.zeros_like(used)
         at = state
         loss: Loss = "soft_l1"
+        crowded: tuple[int, ...] = ()
         for count in range(2 * ROUNDS):
             if count == ROUNDS:
                 used, loss = self.data.present & ~self.outlying(at, GROSS), "linear"
                 named = self.outlying(at)
+                far = self.outlying(at, GROSS, most=1.0).sum(axis=0)
+                many = far > MOST_OUTLIERS * self.data.present.sum(axis=0)
+                crowded = tuple(np.flatnonzero(many).tolist())
             z, jacobian = self.solve(state, lift, prior, used, loss, z)
             at = replace(state, errors=state.errors + lift @ z)
             state = replace(
                 state, noise=self.noise(at, used, len(z), robust=loss != "linear")
             )
             at = replace(at, noise=state.noise)
-        covariance = np.linalg.inv(np.asarray(jacobian.T @ jacobian, dtype=float))
-        return Fitted(at, z, covariance, spread, used, named, self.data.present & ~used)
+        covariance = _covariance(jacobian)
+        return Fitted(
+            at, z, covariance, spread, used, named, self.data.present & ~used, crowded
+        )
 
     def noise(
         self, state: State, used: Flags, parameters: int, *, robust: bool
@@ -356,7 +363,9 @@ class GeometryFit:
             found.append(channel.stated or max(typical * lost, SMALLEST_NOISE))
         return np.array(found)
 
-    def outlying(self, state: State, least: float = 0.0) -> Flags:
+    def outlying(
+        self, state: State, least: float = 0.0, most: float = MOST_OUTLIERS
+    ) -> Flags:
         """Rows that normal noise does not explain, and of some size beside the usual one, shape (N, sights)."""
         left = (self.residuals(state) * self.scales(state.noise)) ** 2
         found = np.zeros_like(self.data.present)
@@ -366,9 +375,19 @@ class GeometryFit:
             limit = chi_squared(many, OUTLYING / max(present.sum(), 1))
             limit = max(limit, least**2 * chi_squared(many, 0.5))
             far = present & (left[:, rows].sum(axis=1) > limit)
-            if far.sum() <= MOST_OUTLIERS * present.sum():
+            if far.sum() <= most * present.sum():
                 found[:, k] = far
         return found
+
+
+def _covariance(jacobian: Floats) -> Floats:
+    """Inverse of Jᵀ J by singular values, whose variances are positive however exact a log is."""
+    sizes = np.linalg.norm(jacobian, axis=0)
+    _, values, directions = np.linalg.svd(jacobian / sizes, full_matrices=False)
+    values = np.maximum(values, np.finfo(float).eps * values[0])
+    root = (directions.T / values) / sizes[:, None]
+    found: Floats = root @ root.T
+    return found
 
 
 def chi_squared(numbers: int, beyond: float) -> float:

@@ -73,11 +73,22 @@ def _of_table(model: ErrorModel, setup: Setup, table: Table) -> Observed:
     q, unlogged = logged_positions(table, model.mechanism, setup.columns)
     _check_unlogged(model, unlogged, table.source)
     values: list[Floats] = []
+    readers: list[tuple[Sight, list[str], Flags]] = []
     with locating(table.source):
         for sight, rows in zip(model.sights, model.rows, strict=True):
-            found = _measured(table, sight)
+            read: list[str] = []
+            found = _measured(table, sight, read)
             missing = np.zeros((len(q), rows.stop - rows.start))
             chosen = _rows_of(table, sight, len(q))
+            for other, columns, rows_there in readers:
+                both = [name for name in read if name in columns]
+                if both and (chosen & rows_there).any():
+                    raise InputError(
+                        f"it reads the column '{both[0]}', as '{other.name}' does: let the columns of each begin with "
+                        f"its name, such as '{sight.name}_x', or state  columns  or  where",
+                        element=f"measure '{sight.name}'",
+                    )
+            readers.append((sight, read, chosen))
             values.append(
                 np.where(chosen[:, None], missing if found is None else found, np.nan)
             )
@@ -120,20 +131,23 @@ def _rows_of(table: Table, sight: Sight, count: int) -> Flags:
     return chosen
 
 
-def _measured(table: Table, sight: Sight) -> Floats | None:
-    """Measured values of a sight, SI units, NaN where a row has none; None where rows vanish."""
-    if not sight.measured:
-        return None
-    names = _named(table)
+def _measured(table: Table, sight: Sight, read: list[str]) -> Floats | None:
+    """Measured values of a sight, SI units, NaN where a row has none; None where rows vanish.
+
+    The columns are added to those that were read.
+    """
     stated = None if sight.entry is None else sight.entry.columns
+    if not sight.measured:
+        if stated:
+            raise InputError(
+                "nothing is read of it, since what it measures never changes: leave out  columns, or  length",
+                element=f"measure '{sight.name}'",
+            )
+        return None
+    names = _Named(_named(table), read)
     try:
         if isinstance(stated, tuple):
-            found = [_column(table, names, name, "m") for name in stated]
-            return (
-                _values(sight, found[:3], found[3:])
-                if sight.kind != "distance"
-                else found[0][:, None]
-            )
+            return _stated(table, names, sight, stated)
         if sight.kind == "distance":
             return _column(table, names, stated or sight.name, "m")[:, None]
         before = _beginning(names, sight, stated)
@@ -151,6 +165,71 @@ def _measured(table: Table, sight: Sight) -> Floats | None:
         )
     except InputError as error:
         raise InputError(error.problem, element=f"measure '{sight.name}'") from None
+
+
+def _stated(table: Table, names: _Named, sight: Sight, stated: Sequence[str]) -> Floats:
+    """Measured values of the columns that an entry lists."""
+    wanted = {"distance": (1,), "position": (3,)}.get(sight.kind, (6, 7, 12))
+    if len(stated) not in wanted:
+        counts = " or ".join(map(str, wanted))
+        raise InputError(
+            f"{len(stated)} columns are no {sight.kind}, which has {counts}: x y z of a position, then nine of a "
+            "matrix, four of a quaternion w x y z, or three of a rotation vector"
+        )
+    _check_order(sight, stated)
+    turns = "rad" if len(stated) == 6 else "1"
+    units = ["m"] * 3 + [turns] * (len(stated) - 3)
+    found = [
+        _column(table, names, name, unit)
+        for name, unit in zip(stated, units, strict=False)
+    ]
+    if sight.kind == "distance":
+        return found[0][:, None]
+    return _values(sight, found[:3], found[3:])
+
+
+def _check_order(sight: Sight, stated: Sequence[str]) -> None:
+    """Refuse columns whose own names say another order than that in which they are read."""
+    ends = [_UNIT.sub("", name).lower() for name in stated]
+    if sight.kind == "distance":
+        return
+    for part, usual in (
+        (ends[:3], _SHIFT),
+        (ends[3:], ROTATIONS.get(len(ends) - 3, ())),
+    ):
+        known = [
+            next((u for u in usual if end == u or _ends_with(end, u)), None)
+            for end in part
+        ]
+        angles = [any(end.endswith(angle) for angle in _ANGLES) for end in part]
+        if any(angles):
+            raise InputError(
+                "roll, pitch and yaw are no rotation vector: leave out  columns, or state what their names begin with"
+            )
+        if None not in known and known != list(usual):
+            shown = " ".join(usual)
+            raise InputError(
+                f"columns are read in the order {shown}, and their names say {' '.join(map(str, known))}: list them "
+                f"in that order"
+            )
+
+
+def _plain(column: str) -> str:
+    """The name of a column without its unit."""
+    return _UNIT.sub("", column)
+
+
+def _ends_with(name: str, part: str) -> bool:
+    """Whether a name ends with a part of a pose behind a separator."""
+    return any(name.endswith(f"{mark}{part}") for mark in _SEPARATORS)
+
+
+class _Named(dict[str, tuple[str, str]]):
+    """Columns and their units by their names, which notes what is read."""
+
+    def __init__(self, names: Mapping[str, tuple[str, str]], read: list[str]) -> None:
+        super().__init__(names)
+        self.read = read
 
 
 def _named(table: Table) -> dict[str, tuple[str, str]]:
@@ -186,12 +265,15 @@ def _beginnings(sight: Sight, stated: str | None, marker: str) -> Iterator[str]:
         yield stated or ""
 
 
-def _column(
-    table: Table, names: Mapping[str, tuple[str, str]], name: str, quantity: str
-) -> Floats:
+def _column(table: Table, names: _Named, name: str, quantity: str) -> Floats:
     if name not in names:
         raise InputError(f"there is no column '{name}'{nearest_of(name, names)}")
     column, unit = names[name]
+    twice = [other for other in table.columns if _plain(other) == name]
+    if len(twice) > 1:
+        shown = ", ".join(f"'{other}'" for other in twice)
+        raise InputError(f"the columns {shown} have one name: take out all but one")
+    names.read.append(column)
     return table.columns[column] * factor(unit, quantity)
 
 

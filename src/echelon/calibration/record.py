@@ -55,6 +55,9 @@ class CalibrationRecord(FiniteRecord):
     left_out: int
     tools: dict[str, list[list[float]]]
     frames: dict[str, list[list[float]]]
+    doubts: list[str] = Field(
+        description="What speaks against the result: measurements that it does not explain."
+    )
 
 
 def calibration_schema() -> dict[str, Any]:
@@ -110,6 +113,7 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
         left_out=found.left_out,
         tools=_listed(found.tools),
         frames=_listed(found.frames),
+        doubts=list(found.doubts),
     ).model_dump(by_alias=True)
 
 

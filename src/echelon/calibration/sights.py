@@ -169,6 +169,13 @@ def _check(entry: MeasureEntry, name: str) -> None:
         )
     if entry.length is not None and entry.kind not in ("distance", "sphere"):
         raise InputError(f"a {entry.kind} has no length", element=where)
+    touches = entry.kind in ("plane", "sphere", "contact")
+    if entry.columns and (touches or entry.length is not None):
+        raise InputError(
+            f"no column is read of a {entry.kind} that touches or has a known length: leave out  columns"
+            + (", or  length" if entry.length is not None else ""),
+            element=where,
+        )
 
 
 def _last_body(mechanism: Mechanism) -> str:

@@ -11,7 +11,7 @@ import typer
 
 from echelon.cli.app import AsJson, Force, Seed, app, reads_robot
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
-from echelon.shared import CalibrationErrors, one_line
+from echelon.shared import CalibrationErrors, InputError, one_line
 
 if TYPE_CHECKING:
     from echelon.calibration import Calibration
@@ -72,6 +72,10 @@ def calibrate(
     target = None if output is None else Destination(output, force)
     if target is not None:
         target.check((CALIBRATION, REPORT))
+    if target is not None and not logs:
+        raise InputError(
+            "without a log nothing is calibrated, and -o has nothing to write: name a log, or leave out -o"
+        )
     setup, seed = load_setup(robot, **read), DEFAULT_SEED if seed is None else seed
     if not logs:
         with steps("deriving what the measurements show"):
@@ -99,7 +103,7 @@ def _chosen(text: str) -> tuple[CalibrationErrors, ...]:
     """Kinds of errors from a text with commas."""
     from typing import get_args
 
-    from echelon.shared import InputError, nearest_of
+    from echelon.shared import nearest_of
 
     found = tuple(part.strip() for part in text.split(","))
     valid = get_args(CalibrationErrors)

@@ -23,6 +23,9 @@ def logged_positions(
     Columns are those of the first map; without maps, those whose names say what they are.
     """
     unlogged: tuple[str, ...] = ()
+    loops = bool(mechanism.closures)
+    if loops:  # all joints are measured, as if nothing closed
+        mechanism = replace(mechanism, closures=(), independent=(), assembly={})
     if columns:
         positions = columns[0].positions
     else:
@@ -37,7 +40,7 @@ def logged_positions(
     # nothing moves while poses are measured, so that any clock will do
     chosen = ColumnMap(rate=1.0, positions=positions)
     found_q = recording(replace(table, clocks={}), chosen, logged).signals["q"]
-    if found_q.shape[1] != len(logged.positions):
+    if found_q.shape[1] != len(logged.positions) or (loops and unlogged):
         raise InputError(
             "positions of joints in loops are missing: measure all of them, since those that follow from the nominal "
             "geometry say nothing about its errors",
