@@ -504,9 +504,10 @@ def _doubts(scores: Sequence[CalibrationScore]) -> tuple[str, ...]:
     found = []
     for score in scores:
         usual = USUAL_SHIFT if score.unit == "m" else USUAL_TURN
-        large = score.after > FAR * usual
-        unexplained = score.after > ALIKE * score.before and score.after > usual / 2
-        worse = score.after > WORSE * score.before and score.after > usual / 100
+        after = score.median  # which outliers hardly move
+        large = after > FAR * usual
+        unexplained = after > ALIKE * score.before and after > usual / 2
+        worse = after > WORSE * score.before and after > usual / 100
         end = f"{_shown(score.before, score.unit)} before and {_shown(score.after, score.unit)} after"
         if large or unexplained:
             found.append(
