@@ -53,8 +53,9 @@ lint: $(DEV)
 
 # as many processes as cores run tests, and each of them does linear algebra
 quick slow faults: export OPENBLAS_NUM_THREADS := 1
+# compilers that tests start know nothing of make's other jobs
 quick: $(DEV)
-	$(BIN)/pytest -n auto --dist worksteal -m "not slow"
+	env -u MAKEFLAGS -u MFLAGS $(BIN)/pytest -n auto --dist worksteal -m "not slow"
 
 # types are checked by one process, beside the tests
 test: $(DEV)
