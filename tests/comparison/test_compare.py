@@ -284,6 +284,29 @@ def test_stated_friction_and_rotors_count() -> None:
     assert 0.7 <= pan.total.bound < 0.71
 
 
+@pytest.mark.parametrize(
+    ("ends", "expected"),
+    [
+        ([2, "none"], (2.0, 2 + 2 * np.pi)),
+        (["none", -2], (-2 - 2 * np.pi, -2.0)),
+        ("none", (-np.pi, np.pi)),
+    ],
+)
+def test_a_whole_turn_is_compared_where_limits_are_open(
+    ends: object, expected: tuple[float, float]
+) -> None:
+    """A pendulum that is twice as heavy differs most where its arm is level, by m g x = 1 N m."""
+    arm = "{mass: %s, com: [0, -0.1, 0], inertia: {xx: 0.03, yy: 0.03, zz: 0.03}}"
+    text = "echelon: 1\nname: pendulum\ngravity: [0, -10, 0]\nmodified_dh:\n"
+    text += f"  - {{name: j1, joint: revolute, inertial: {arm}}}\n"
+    limits = {"position": {"j1": ends}, "velocity": 1, "acceleration": 0.001}
+    found = ec.compare(text % 1, text % 2, limits=limits)
+    np.testing.assert_allclose(found.limits["q[j1]"], expected)
+    assert any("over one turn" in note for note in found.notes)
+    (output,) = found.outputs
+    np.testing.assert_allclose(output.parts["gravity"].attained, 1.0, rtol=1e-3)
+
+
 def test_a_floating_base_has_a_wrench() -> None:
     heavy = edited('mass value="0.012"', 'mass value="0.112"')
     found = ec.compare(ec.load(ARM, floating=True), ec.load(heavy, floating=True))

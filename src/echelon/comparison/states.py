@@ -53,13 +53,19 @@ def states_of(
     free = one.independent_velocities
     rates = [{m.name: m.high for m in found.motion if m.order == k} for k in (1, 2)]
     ranges: dict[str, tuple[float, float]] = {}
+    turning = []
     for k, name in enumerate(free):
         low, high = float(found.low[k]), float(found.high[k])
         if found.units[k] == "rad" and not isfinite(high - low):
-            low, high = max(low, -pi), min(high, pi)  # a turn further all is the same
+            low, high = _one_turn(low, high)
+            turning.append(name)
         ranges[f"q[{name}]"] = low, high
         for kind, rate in zip(("qd", "qdd"), rates, strict=True):
             ranges[f"{kind}[{name}]"] = -rate.get(name, inf), rate.get(name, inf)
+    if turning:
+        notes.append(
+            f"no limits end the turning of {listed(turning)}: compared over one turn"
+        )
     endless = [name for name, (low, high) in ranges.items() if not isfinite(high - low)]
     if endless:
         raise InputError(
@@ -78,6 +84,15 @@ def states_of(
     ]
     ends = ends.reshape(-1, 2)
     return StateBox(ends[:, 0], ends[:, 1], *sizes), ranges, notes
+
+
+def _one_turn(low: float, high: float) -> tuple[float, float]:
+    """A turn of an angle that is limited on one side or on none."""
+    if isfinite(low):
+        return low, low + 2 * pi
+    if isfinite(high):
+        return high - 2 * pi, high
+    return -pi, pi
 
 
 def _range_of(

@@ -326,13 +326,13 @@ class Readings:
 
     @cached_property
     def _zeros(self) -> Floats:
-        """What columns without their offsets show where all coordinates are zero, SI units, shape (n,)."""
+        """Readings of columns without their offsets where all coordinates are zero, SI units, shape (n,)."""
         sensors = self.columns.sensors
         shown = [sensors[key].zero if key in sensors else 0.0 for key in self._keys]
         return np.asarray(np.array(shown) - self.offsets)
 
     def _combinations(self, keys: Sequence[str]) -> Floats:
-        """What coordinates, drives and sensors measure as combinations of coordinates, shape (n, n)."""
+        """Combinations of coordinates that coordinates, drives and sensors measure, shape (n, n)."""
         driven, T = transmission_matrix(self.base.mechanism)
         drives = [actuator.name for actuator in self.base.mechanism.actuators]
         found = np.zeros((len(keys), len(self.names)))

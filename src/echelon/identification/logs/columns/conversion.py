@@ -415,7 +415,7 @@ def _say_missing(mechanism: Mechanism, kind: str, missing: Sequence[str]) -> str
 def _rows(
     mechanism: Mechanism, kind: str, names: Sequence[str], sensors: Sensors
 ) -> dict[str, MotionSensor]:
-    """What actuators and sensors measure, as combinations of coordinates, by name."""
+    """Combinations of coordinates that actuators and sensors measure, by name."""
     driven, matrix = transmission_matrix(mechanism)
     every = [actuator.name for actuator in mechanism.actuators]
     found: dict[str, MotionSensor] = {}

@@ -69,7 +69,7 @@ def inclinometer(mechanism: Mechanism, name: str, axis: str) -> MotionSensor:
 
 @dataclass
 class _Turns:
-    """What turns a body, from the base outwards, while all coordinates are zero."""
+    """Motions that turn a body, from the base outwards, while all coordinates are zero."""
 
     mechanism: Mechanism
     up: Floats  # unit vector in the base frame, shape (3,)
