@@ -43,7 +43,6 @@ from echelon.robot import (
     ClosureKind,
     Joint,
     Mechanism,
-    Motion,
     Placement,
     RecordedStep,
     Recorder,
@@ -53,6 +52,7 @@ from echelon.robot import (
     in_numbers,
     known_values,
     placement_matrix,
+    renamed,
     stated_values,
     symbol_values,
     value_texts,
@@ -370,34 +370,8 @@ def copied(mechanism: Mechanism, ending: str) -> Mechanism:
     if not ending:
         return mechanism
 
-    def step(part: Placement | Motion) -> Placement | Motion:
-        return (
-            replace(part, name=part.name + ending) if isinstance(part, Motion) else part
-        )
-
-    def body(one: Body) -> Body:
-        steps = tuple(map(step, one.joint.steps))
-        joint = replace(one.joint, name=one.joint.name + ending, steps=steps)
-        return replace(one, name=one.name + ending, joint=joint)
-
-    couplings = tuple(
-        replace(
-            c,
-            coordinate=c.coordinate + ending,
-            terms=tuple((name + ending, f) for name, f in c.terms),
-        )
-        for c in mechanism.couplings
-    )
-    return Mechanism(
-        mechanism.name,
-        tuple(map(body, mechanism.bodies)),
-        mechanism.gravity,
-        couplings,
-        mechanism.symbols,
-        closures=tuple(replace(c, name=c.name + ending) for c in mechanism.closures),
-        independent=tuple(name + ending for name in mechanism.independent),
-        assembly={name + ending: at for name, at in mechanism.assembly.items()},
-    )
+    bare = replace(mechanism, actuators=(), effects=(), measured=None, contacts=())
+    return renamed(bare, lambda name: name + ending)
 
 
 def merged(mechanisms: Sequence[Mechanism]) -> Mechanism:

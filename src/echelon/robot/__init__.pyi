@@ -28,6 +28,7 @@ from echelon.robot.effect import ready_made as ready_made
 from echelon.robot.experiment import Experiment as Experiment
 from echelon.robot.experiment import experiment_of as experiment_of
 from echelon.robot.experiment import joined as joined
+from echelon.robot.experiment import renamed as renamed
 from echelon.robot.impossible import stated_impossibilities as stated_impossibilities
 from echelon.robot.impossible import warn_of_impossible as warn_of_impossible
 from echelon.robot.inertia import SIZE as SIZE

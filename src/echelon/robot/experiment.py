@@ -299,8 +299,8 @@ def _stacked(experiments: Sequence[Experiment]) -> Mechanism:
     for e in experiments:
         mounted = Joint(f"{e.name}.base", "fixed", (e.mounting,))
         base = Body(e.name, f"{e.name}_base", GROUND, mounted, carried=())
-        renamed = str if alone else partial(_prefixed, e.name)
-        tree = _Branch(e.mechanism, len(bodies) + 1, renamed)
+        new_name = str if alone else partial(_prefixed, e.name)
+        tree = _Branch(e.mechanism, len(bodies) + 1, new_name)
         bodies += [base, *tree.bodies(range(len(e.mechanism.bodies)), len(bodies))]
         trees.append(tree)
     mechanisms = [e.mechanism for e in experiments]
@@ -357,21 +357,14 @@ def experiment_of(mechanism: Mechanism, name: str) -> Mechanism:
     for body in (body for body in absent if body.label not in labels):
         at_rest = Joint(body.joint.name, "fixed", ())
         bodies.append(replace(body, parent=GROUND, joint=at_rest))
-    return Mechanism(
-        name,
-        tuple(bodies),
-        mechanism.gravity,
-        tuple(tree.couplings()),
-        mechanism.symbols,
-        tuple(tree.actuators()),
-        tuple(tree.effects()),
-        None if mechanism.measured is None else tuple(tree.outputs()),
-        tuple(tree.closures()),
-        tuple(tree.independent()) if mechanism.independent else (),
-        tree.assembly(),
-        mechanism.rounding,
-        tuple(tree.contacts()),
-    )
+    return tree.whole(name, bodies)
+
+
+def renamed(mechanism: Mechanism, new_name: Callable[[str], str]) -> Mechanism:
+    """A mechanism whose bodies, joints, coordinates, outputs and loops have other names."""
+    tree = _Branch(mechanism, 0, new_name)
+    bodies = tree.bodies(range(len(mechanism.bodies)), GROUND)
+    return tree.whole(mechanism.name, bodies)
 
 
 # -- names and places --------------------------------------------------------------------------------------------------
@@ -396,6 +389,24 @@ class _Branch:
     mechanism: Mechanism
     shift: int  # what is added to indices of bodies
     renamed: Callable[[str], str | None]
+
+    def whole(self, name: str, bodies: Iterable[Body]) -> Mechanism:
+        """A mechanism of these parts and some bodies."""
+        return Mechanism(
+            name,
+            tuple(bodies),
+            self.mechanism.gravity,
+            tuple(self.couplings()),
+            self.mechanism.symbols,
+            tuple(self.actuators()),
+            tuple(self.effects()),
+            None if self.mechanism.measured is None else tuple(self.outputs()),
+            tuple(self.closures()),
+            tuple(self.independent()) if self.mechanism.independent else (),
+            self.assembly(),
+            self.mechanism.rounding,
+            tuple(self.contacts()),
+        )
 
     def bodies(self, chosen: Iterable[int], ground: int) -> Iterator[Body]:
         """Some bodies; those on the ground hang on a body of an index."""
