@@ -35,8 +35,8 @@ VERDICTS = {
     "The model is usable": "usable",
     "The model is poor": "poor",
     "The model cannot be trusted": "not trusted",
-    "The model should not be used": "should not",
-    "Nothing can be said": "nothing",
+    "Do not use the model": "should not",
+    "No verdict": "nothing",
 }
 _TEXT = 110  # characters of a finding in a line
 

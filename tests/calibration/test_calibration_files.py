@@ -276,7 +276,7 @@ def test_every_measurement_is_held_out_in_part() -> None:
 def test_nothing_is_written_without_a_log(tmp_path: Path) -> None:
     done = run("calibrate", ARM, "-o", tmp_path / "out", cwd=ROOT)
     assert done.returncode == 2
-    assert "without a log" in done.stderr
+    assert "-o needs a log" in done.stderr
 
 
 def test_many_outliers_are_doubted() -> None:

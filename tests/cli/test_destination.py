@@ -34,7 +34,7 @@ def test_a_command_may_run_twice_but_edited_files_stay(folder: Path, name: str) 
     refused = call(*COMMANDS[name])
     assert refused.returncode == 2
     assert (
-        f"{edited}: the file is there already, and is not as an earlier command wrote it"
+        f"{edited}: the file exists and was not written by Echelon, or was changed since"
         in refused.stderr
     )
     assert "--force" in refused.stderr

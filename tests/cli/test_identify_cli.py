@@ -54,7 +54,7 @@ def test_the_gate_gives_its_reasons(setup: Path) -> None:
     done = run("identify", str(setup), str(log), "--no-physical", "--check")
     assert done.returncode == 1
     assert done.stderr.startswith(
-        "echelon: the model should not be used: on data that the fit did not see"
+        "echelon: do not use the model: on unseen data"
     )
     assert run("identify", str(setup), str(log), "--no-physical").returncode == 0
 

@@ -179,7 +179,7 @@ def test_a_saved_set_of_experiments_is_verified_and_read_again(tmp_path: Any) ->
 
 @pytest.mark.parametrize("job", [ec.load_setup, ec.exciting_trajectory])
 def test_logs_and_motions_are_those_of_one_experiment(job: Any, tmp_path: Any) -> None:
-    with pytest.raises(ec.InputError, match="logs and motions are those of one"):
+    with pytest.raises(ec.InputError, match="a log or a motion belongs to one"):
         job(EXAMPLES / "experiments/panda_mounted.yaml")
     file = tmp_path / "touching.yaml"
     file.write_text(PANDA.read_text() + "contacts: [{body: j7}]\n")

@@ -185,7 +185,7 @@ def test_the_rotor_of_a_vertical_slide_is_not_lifted_by_an_offset(
     written, result = identified(tmp_path, given, true)
     assert "Ia3" in result.base.mechanism.parameters
     assert any(
-        "a rotor inertia was taken in at c" in finding.text
+        "a rotor inertia was added to the model at c" in finding.text
         for finding in result.findings
     )
     np.testing.assert_allclose(torques(written, FRESH), torques(true, FRESH), atol=0.3)

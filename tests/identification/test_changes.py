@@ -150,6 +150,6 @@ def test_a_load_of_a_large_arm_in_a_log_that_only_validates_is_named(
 def said_of_loads(result: ec.Identification, body: str) -> bool:
     """Whether another load of a body in the log that validates is the only finding of its kind; else there is none."""
     said = [f.text for f in result.findings if f.kind in ("changes", "setup error")]
-    words = f"in this log, other than in those that were fitted, '{body}' carries another load"
+    words = f"in this log, unlike in the fitted ones, '{body}' carries another load"
     assert said in ([], [words])
     return bool(said)

@@ -36,7 +36,7 @@ def test_an_estimate_that_unseen_motions_need_and_data_do_not_show_gives_way() -
     chosen = ec.identify(ARM, fitted, unseen)
     assert chosen.predict_with == "physical"
     (said,) = [found.text for found in chosen.findings if found.kind == "predictions"]
-    assert "which hardly show some combinations that others need" in said
+    assert "the fitted motions hardly excite some combinations" in said
     asked = ec.identify(
         ec.load_setup(ARM).with_settings(predict="estimate"), fitted, unseen
     )

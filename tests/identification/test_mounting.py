@@ -22,7 +22,7 @@ def test_where_gravity_was_left_open_its_direction_is_said() -> None:
     (found,) = about_gravity(result)
     assert (
         found.text
-        == "the direction of gravity was left open: -z of the base was taken, and nothing speaks against it"
+        == "the set-up does not state the direction of gravity: -z of the base was used, and the logs agree with it"
     )
 
 

@@ -211,10 +211,12 @@ def test_a_zero_that_a_tilted_base_would_explain_names_both() -> None:
         free, states, Readings(free, states, ColumnMap(), False), doubtful=False
     ).run()[0]
     assert re.match(
-        r"the zero of the position of 'roll' is 0\.0\d+ ± \S+ rad off, which these data",
+        r"the zero of the position of 'roll' is 0\.0\d+ ± \S+ rad off; these data",
         found.words,
     )
-    assert found.words.endswith("do not tell from gravity in another direction")
+    assert found.words.endswith(
+        "cannot distinguish it from gravity in another direction"
+    )
 
 
 @pytest.mark.parametrize("count", one_in(2, [40, -12]))

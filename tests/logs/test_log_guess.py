@@ -178,8 +178,8 @@ def test_columns_that_do_not_fit_are_all_listed_with_the_nearest_guesses() -> No
             list(content), PENDULUM, "log.csv", look=lambda: Table("log.csv", content)
         )
     for part in (
-        "log.csv: no columns for positions and outputs of double pendulum",
-        "ax_0_enkoder … ax_1_enkoder (positions by their values)",
+        "log.csv: no position and output columns of double pendulum",
+        "ax_0_enkoder … ax_1_enkoder (positions, judging by their values)",
         "M0 … M1 (outputs by their values)",
         "temprature (temperature?)",
         "torqe_9 (output?)",
@@ -222,7 +222,7 @@ def test_lengths_of_hundreds_are_millimetres() -> None:
         guess_columns(list(content), robot), Table("log.csv", content), robot
     )
     assert [channel.unit for channel in found.positions.values()] == ["mm"]
-    assert "are taken to be in mm" in notes[0].text
+    assert "are read as mm" in notes[0].text
 
 
 def test_velocities_of_slides_are_in_what_their_positions_say() -> None:
@@ -251,15 +251,13 @@ def test_motors_are_told_from_joints() -> None:
     assert list(found.positions) == list(found.outputs) == MOTORS
     told = guess_columns(["t_s", "q1", "q2", "motor_tau1", "motor_tau2"], PENDULUM)
     assert list(told.outputs) == ["j1", "j2"]
-    with pytest.raises(
-        ec.InputError, match=r"measured at motors by their names, but .* states no"
-    ):
+    with pytest.raises(ec.InputError, match=r"have names of motors, but .* states no"):
         guess_columns(["t_s", "q_motor_1", "q_motor_2", "tau1", "tau2"], PENDULUM)
 
 
 UNCLEAR = [
-    ("t q1 q2", "no columns for outputs of .* can be told from their names"),
-    ("a b c", "no columns for positions and outputs"),
+    ("t q1 q2", "no output columns of .* recognised"),
+    ("a b c", "no position and output columns of"),
     (
         "t q1 q2 q3 tau1 tau2 tau3",
         r"has 3 positions \(numbers 1, 2, 3\), q1, q2, q3, but .* has 2: j1, j2; is it a log of another robot",

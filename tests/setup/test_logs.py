@@ -50,7 +50,7 @@ def test_columns_without_names(motion: Motion, tmp_path: Path) -> None:
     assert well(result)
     texts = [str(finding) for finding in result.findings]
     assert any(
-        "1, 2 taken for the positions of shoulder_joint, elbow_joint by their values"
+        "1, 2 are read as the positions of shoulder_joint, elbow_joint, judging by their values"
         in text
         for text in texts
     )
@@ -133,7 +133,7 @@ def test_files_without_a_common_clock(tmp_path: Path) -> None:
 def test_arrays_that_are_too_short_are_named(motion: Motion) -> None:
     with pytest.raises(
         ec.InputError,
-        match=r"no columns for outputs .*; not read: 'tau' has 2999 rows where most arrays .* 3000",
+        match=r"no output columns .*; not read: 'tau' has 2999 rows where most arrays .* 3000",
     ):
         with_logs(ARM, {"t": motion["t"], "q": motion["q"], "tau": motion["tau"][1:]})
 
@@ -148,4 +148,4 @@ def test_every_kind_of_log_is_understood_once(motion: Motion) -> None:
     setup, _, _ = with_logs(ARM, [large, {**large, "q": large["q"] / 50}])
     assert len(setup.columns) == 1
     assert {channel.unit for channel in setup.columns[0].positions.values()} == {"deg"}
-    assert any("taken to be in degrees" in text for text in setup.assumed)
+    assert any("read as degrees" in text for text in setup.assumed)

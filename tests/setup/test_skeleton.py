@@ -101,7 +101,7 @@ def test_patterns_units_and_questions(
     text = written(tmp_path, log)
     assert f"  {stated}\n" in text
     assert "  time: {column: 'time [ms]', unit: ms}\n" in text
-    assert "not decided:\n#   - whether outputs are in N·m" in text
+    assert "open:\n#   - check that outputs are in N·m" in text
     columns = ec.load_setup(tmp_path / "arm.urdf").columns
     assert columns == ()
 
@@ -111,7 +111,7 @@ def test_what_is_missing_is_asked_for(motion: Motion, tmp_path: Path) -> None:
         {"q1": motion["q"][:, 0], "q2": motion["q"][:, 1], "x": motion["t"], "y": 1.0}
     )
     text = written(tmp_path, log)
-    assert "no columns for outputs of arm can be told from their names" in " ".join(
+    assert "no output columns of arm recognised" in " ".join(
         text.replace("#", "").split()
     )
     assert '  # output: "…_{n}"' in text
@@ -215,7 +215,7 @@ def test_columns_of_inclinometers_are_asked_about(
         log[f"{name}_incl"] = motion["q"][:, k]
         log[f"{name}_torque"] = motion["tau"][:, k]
     text = " ".join(written(tmp_path, log).replace("#", "").split())
-    assert "whether 'elbow_incl' is the angle of the joint 'elbow_joint'" in text
+    assert "check that 'elbow_incl' is the angle of the joint 'elbow_joint'" in text
     assert "position: {tilt: elbow_incl}" in text
 
 
@@ -332,7 +332,7 @@ def test_joints_with_names_of_their_own_are_told_by_their_rates(
     length = next(word for word in words if word in ("x", "p", "cart_pos"))
     assert f"  position:\n    rail: {length}\n    hinge: {angle}\n" in text
     assert f"  output:\n    rail: {words[-1]}\n" in text
-    assert "no output is measured of hinge" in text
+    assert "no measured output for hinge" in text
 
 
 def test_logs_without_time_ask_for_the_rate(motion: Motion, tmp_path: Path) -> None:
@@ -374,7 +374,7 @@ def test_commands_without_torques_make_a_fit_of_servos(
     assert not ec.load_setup(tmp_path / "setup.yaml").columns[0].outputs
     with pytest.raises(
         ec.InputError,
-        match=r"there are commands of positions, .* servos .*; echelon setup",
+        match=r"the log has position commands .* servos .*; echelon setup",
     ):
         ec.identify(ARM, tmp_path / "log.csv")
 
@@ -426,7 +426,7 @@ def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
     text = written(tmp_path, log, PENDULUM)
     assert "\n" + PENDULUM + "log:\n  time: t\n" in text
     (tmp_path / "setup.yaml").write_text(text)
-    with pytest.raises(ec.InputError, match="says already what its logs mean"):
+    with pytest.raises(ec.InputError, match="has a section log already"):
         skeleton(tmp_path / "setup.yaml", [tmp_path / "log.csv"], tmp_path)
 
 
@@ -437,7 +437,7 @@ def test_rates_come_from_velocities_or_coarse_stamps(
         f"{name}{k}": motion[name][:, k] for name in ("q", "qd", "tau") for k in (0, 1)
     }
     for first, why in (
-        ({}, "as the velocities say"),
+        ({}, "positions and velocities agree"),
         ({"t": np.floor(50 * motion["t"]) / 50}, "coarser than"),
     ):
         written(tmp_path, pd.DataFrame(first | both))
@@ -529,11 +529,11 @@ def test_of_two_robots_in_one_file_the_first_is_taken_and_the_other_named(
     text = written(tmp_path, log)
     assert "  position: 'left_q_{n}'\n" in text
     assert (
-        "several sets of columns, left_…, right_…: taken are those of left_…"
+        "several sets of columns, left_…, right_…: those of left_… are used"
         in " ".join(text.replace("#", "").split())
     )
     with pytest.raises(
-        ec.InputError, match=r"left_…, right_…: say under log which are those of arm"
+        ec.InputError, match=r"left_…, right_…: name the columns of arm under log"
     ):
         ec.identify(tmp_path / "arm.urdf", tmp_path / "log.csv")
 

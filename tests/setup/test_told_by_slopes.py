@@ -116,7 +116,7 @@ def test_no_next_step_is_offered_while_outputs_are_open(tmp_path: Path) -> None:
         str(tmp_path / "setup.yaml"),
     )
     assert said.returncode == 0, said.stderr
-    assert "not decided: no column can be told to be the output" in said.stdout
+    assert "open: no column recognised as the output" in said.stdout
     assert "next:" not in said.stdout
 
 

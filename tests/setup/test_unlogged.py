@@ -98,7 +98,7 @@ def test_an_output_without_a_column_is_not_measured(
     result = ec.identify(ARM, log)
     assert [output.name for output in result.base.mechanism.outputs] == ["elbow_joint"]
     assert any(
-        "no output is measured of shoulder_joint" in finding.text
+        "no measured output for shoulder_joint" in finding.text
         for finding in result.findings
     )
     (tmp_path / "arm.urdf").write_text(ARM)

@@ -413,7 +413,7 @@ def _payload_mid(arm: Arm) -> TrapLog:
 
 
 def _gravcomp(arm: Arm) -> TrapLog:
-    return usual_log(arm.under(np.zeros(3)), "without the weight")
+    return usual_log(arm.under(np.zeros(3)), "contain no weight")
 
 
 def _gaspring(arm: Arm) -> TrapLog:
@@ -565,7 +565,7 @@ def _gain_of(arm: Arm, joint: int, factor: float) -> TrapLog:
     return _scaled(
         arm,
         factors,
-        _of("the output of '{0}' is .* times what it should be", [arm.names[joint]]),
+        _of("the output of '{0}' is .* times its true size", [arm.names[joint]]),
     )
 
 
@@ -591,7 +591,7 @@ def _currents(arm: Arm) -> TrapLog:
     return _scaled(
         arm,
         1 / arm.random(3).uniform(4, 16, arm.count),
-        "times what it should be|current",
+        "times its true size|current",
     )
 
 

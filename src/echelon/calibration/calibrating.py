@@ -232,7 +232,7 @@ def calibrate(
     fitting, held = data.part(~odd), data.part(odd)
     say("finding frames")
     nominal = GeometryFit(model, fitting, seed).start()
-    say("deriving what the measurements show")
+    say("deriving which errors the measurements show")
     base = model.base(nominal.frames, _touching_pose(data, model), seed)
     say("fitting")
     judged = GeometryFit(model, fitting, seed).fitted(nominal, base)

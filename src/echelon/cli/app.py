@@ -31,9 +31,7 @@ class _Commands(TyperGroup):
 
 Verbose = Annotated[
     bool,
-    typer.Option(
-        "--verbose", "-v", help="Say on standard error what is done, and when."
-    ),
+    typer.Option("--verbose", "-v", help="Print progress and times on standard error."),
 ]
 
 
@@ -179,15 +177,14 @@ KeepFixedLinks = Annotated[
 ]
 Massless = Annotated[
     list[str] | None,
-    typer.Option(help="A link that carries no parameters; may be repeated."),
+    typer.Option(help="A link without inertial parameters; may be repeated."),
 ]
 
 Ignore = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="An element (loop, gazebo/joint) or attribute (@quat, origin@quat) of a robot file that counts as if it "
-        "were not there, though it may change how the robot moves; may be repeated.",
+        help="An element (loop, gazebo/joint) or attribute (@quat, origin@quat) of the robot file to ignore, although it may change how the robot moves; may be repeated.",
     ),
 ]
 

@@ -34,14 +34,13 @@ def calibrate(
     logs: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Logs of poses: positions of the joints and what was measured. Without any, only what such "
-            "measurements can show is derived."
+            help="Logs of poses: joint positions and measurements. Without a log, the command derives which errors such measurements show."
         ),
     ] = None,
     errors: Annotated[
         str,
         typer.Option(
-            help="Errors that are looked for, with commas between: frames, modified_dh, standard_dh, offsets, gears, "
+            help="Errors to find, with commas between: frames, modified_dh, standard_dh, offsets, gears, "
             "stiffness."
         ),
     ] = "frames",
@@ -74,11 +73,11 @@ def calibrate(
         target.check((CALIBRATION, REPORT))
     if target is not None and not logs:
         raise InputError(
-            "without a log nothing is calibrated, and -o has nothing to write: name a log, or leave out -o"
+            "-o needs a log: name one, or leave out -o to see only which errors the measurements show"
         )
     setup, seed = load_setup(robot, **read), DEFAULT_SEED if seed is None else seed
     if not logs:
-        with steps("deriving what the measurements show"):
+        with steps("deriving which errors the measurements show"):
             base = calibration_base(setup, errors=chosen, seed=seed)
         show(to_json(base) if as_json else to_text(base))
         return
@@ -147,15 +146,13 @@ def lines(found: Calibration) -> Sequence[str]:
             if found.left_out
             else "; all of them kept"
         )
-        shown.append(
-            f"rows that noise does not explain: {'; '.join(found.outliers)}{out}"
-        )
+        shown.append(f"outliers: {'; '.join(found.outliers)}{out}")
     if found.hidden:
         shown.append(
-            f"the log does not show, so that they stay nominal: {', '.join(found.hidden)}"
+            f"kept nominal, since the log does not show them: {', '.join(found.hidden)}"
         )
     if found.redundant:
         shown.append(
-            f"redundant, for the other measurements show as much: {', '.join(found.redundant)}"
+            f"redundant beside the other measurements: {', '.join(found.redundant)}"
         )
     return shown

@@ -57,30 +57,30 @@ def derive(
         bool,
         typer.Option(
             "--generic",
-            help="Answer for general values of the symbols, not for the stated ones.",
+            help="Answer for general values of the symbols, not for the robot's own.",
         ),
     ] = False,
     rank_only: Annotated[
         bool,
-        typer.Option("--rank-only", help="Instead: only the rank and representatives."),
+        typer.Option("--rank-only", help="Print only the rank and representatives."),
     ] = False,
     special: Annotated[
         bool,
         typer.Option(
             "--special",
-            help="Instead: special geometry and gravity where the number changes.",
+            help="Print the special geometries and directions of gravity that change the number.",
         ),
     ] = False,
     compare_numeric: Annotated[
         bool,
         typer.Option(
             "--compare-numeric",
-            help="Instead: the ranks that SVD and QR give, beside the exact one.",
+            help="Print the ranks of SVD and QR beside the exact one.",
         ),
     ] = False,
     regressor: Annotated[
         Formulas | None,
-        typer.Option("--regressor", help="Instead: the base regressor as formulas."),
+        typer.Option("--regressor", help="Print the base regressor as formulas."),
     ] = None,
     full: Annotated[
         bool,
@@ -106,7 +106,7 @@ def derive(
     ]
     if len(asked) > 1:
         raise typer.BadParameter(
-            f"{' and '.join(asked)} exclude each other: each prints something else"
+            f"{' and '.join(asked)} cannot be combined: each prints its own answer"
         )
     if regressor is not None and chosen != "text":
         raise typer.BadParameter("--regressor prints formulas and takes no --format")
@@ -171,11 +171,14 @@ def setup(
     robot: Annotated[
         Path,
         typer.Argument(
-            help="URDF, SDF, MJCF, or a description that says nothing of logs."
+            help="URDF, SDF, MJCF, or a description without the section log."
         ),
     ],
     logs: Annotated[
-        list[Path], typer.Argument(help="One log, or files of one that share a clock.")
+        list[Path],
+        typer.Argument(
+            help="One log, or several files of one log with a common clock."
+        ),
     ],
     output: Output = None,
     force: Force = False,
@@ -210,7 +213,7 @@ def identify(
     read: dict[str, Any],
     validate: Annotated[
         list[Path] | None,
-        typer.Option("--validate", help="A log the fit does not see; may be repeated."),
+        typer.Option("--validate", help="A log for validation only; may be repeated."),
     ] = None,
     output: Annotated[
         Path | None,
@@ -226,7 +229,7 @@ def identify(
         ),
     ] = None,
     estimator: Annotated[
-        Estimator | None, typer.Option(help="Instead of the one of the set-up.")
+        Estimator | None, typer.Option(help="Estimator, instead of the set-up's.")
     ] = None,
     predict_with: Annotated[
         ValuesToUse | None,
@@ -237,7 +240,7 @@ def identify(
         typer.Option(
             min=0,
             max=0.9,
-            help="Share held out without --validate: of one log its end, of several the last.",
+            help="Share held out without --validate: the end of a single log, the last of several logs.",
         ),
     ] = None,
     physical: Annotated[
@@ -261,7 +264,7 @@ def identify(
         bool,
         typer.Option(
             "--check",
-            help="Exit with 1, and the reasons, if the model should not be used.",
+            help="Exit with 1, and print the reasons, if the verdict is not to use the model.",
         ),
     ] = False,
     seed: Seed = None,
@@ -297,9 +300,7 @@ def identify(
     )
     if check and reasons:
         for reason in reasons:
-            typer.echo(
-                f"echelon: the model should not be used: {one_line(reason)}", err=True
-            )
+            typer.echo(f"echelon: do not use the model: {one_line(reason)}", err=True)
         raise typer.Exit(1)
 
 
@@ -405,13 +406,13 @@ def audit(
     define: Annotated[
         list[str] | None,
         typer.Option(
-            help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated."
+            help="Meaning of a symbol in the claims, 'RL4=pz4' or 'L=0.45'; may be repeated."
         ),
     ] = None,
     ignore: Annotated[
         list[str] | None,
         typer.Option(
-            help="Parameters that the robot file leaves out, 'fv*'; may be repeated."
+            help="Parameters of the claims that the robot file lacks, 'fv*'; may be repeated."
         ),
     ] = None,
     as_json: AsJson = False,
@@ -465,7 +466,7 @@ def compare(
         float | None,
         typer.Option(
             min=0,
-            help="Difference of outputs that counts as none, N·m or N; default: what the files' last decimals explain.",
+            help="Largest difference of outputs that counts as zero, N·m or N; default: the effect of the files' last decimals.",
         ),
     ] = None,
     velocity: Annotated[

@@ -86,7 +86,7 @@ def _base(
     budget: float,
     say: Callable[[str], None],
 ) -> BaseModel | LinearBase:
-    say("reading, and closing loops")
+    say("reading robot")
     robot = load_model(file, **read)
     if isinstance(robot, LinearModel):
         return base_parameters(robot, **derivation, budget=budget)
@@ -301,7 +301,7 @@ def run_sensors(
 ) -> None:
     """Print what sensors see, alone and in subsets up to a size."""
     title = f"comparing the sensors of {file.name}"
-    with steps(f"{title}: reading, and closing loops") as step:
+    with steps(f"{title}: reading robot") as step:
         report = sensor_report(
             load(file, **read),
             size,

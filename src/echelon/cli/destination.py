@@ -60,14 +60,14 @@ class Destination:
         read = {os.path.realpath(path) for path in READ}
         for target in targets:
             if str(target.path) in read and not target.stream:
-                problem = "this command reads the file; choose another place"
+                problem = "this command reads the file; choose another output"
                 raise InputError(problem, source=one_line(target.shown))
         foreign = [target for target in targets if _is_foreign(target)]
         if foreign and not self.force:
             more = f" (and {len(foreign) - 1} more)" if len(foreign) > 1 else ""
             raise InputError(
-                f"the file is there already, and is not as an earlier command wrote it{more}; "
-                "choose another place, or replace it with --force",
+                f"the file exists and was not written by Echelon, or was changed since{more}; choose another "
+                "output, or replace it with --force",
                 source=one_line(foreign[0].shown),
             )
 

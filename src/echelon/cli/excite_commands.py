@@ -94,13 +94,13 @@ def excite(
     budget: Annotated[
         float | None,
         typer.Option(
-            help="Work of the search, about seconds; the best motion so far counts."
+            help="Budget of the search, about seconds; the best motion so far is the result."
         ),
     ] = None,
     prior_log: Annotated[
         list[Path] | None,
         typer.Option(
-            help="A log at hand, to whose information the motion adds; may be repeated."
+            help="An existing log that the motion complements; may be repeated."
         ),
     ] = None,
     prior: Prior = None,
@@ -108,10 +108,10 @@ def excite(
     formats: Annotated[
         list[SampleFormat] | None,
         typer.Option(
-            "--format", help="Of samples; may be repeated; yaml is for ROS 2."
+            "--format", help="Format of samples; may be repeated; yaml is for ROS 2."
         ),
     ] = None,
-    rate: Annotated[float, typer.Option(help="Rate of samples, Hz.")] = 1000.0,
+    rate: Annotated[float, typer.Option(help="Sampling rate, Hz.")] = 1000.0,
     repeats: Annotated[
         int, typer.Option(min=1, help="How often a periodic motion is run.")
     ] = 1,
@@ -155,7 +155,7 @@ def excite(
     with (
         steps() as step,
         stop_asked(
-            "ending with the best motion so far; once more ends at once"
+            "finishing with the best motion so far; press again to stop at once"
         ) as asked,
     ):
         step("reading logs")

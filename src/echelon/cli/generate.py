@@ -67,7 +67,7 @@ def generate(
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option(help="Stands before the functions' names; made from the robot's."),
+        typer.Option(help="Prefix of the functions' names; default: the robot's name."),
     ] = None,
     precision: Annotated[
         Literal["double", "single"], typer.Option(help="Floating-point type.")
@@ -75,13 +75,13 @@ def generate(
     parameters: Annotated[
         str | None,
         typer.Option(
-            help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
+            help="Values to write as constants: 'file' for those of the robot's file, or a JSON or CSV file."
         ),
     ] = None,
     keep_symbols: Annotated[
         str | None,
         typer.Option(
-            help="Geometry that becomes an argument instead of constants: 'all', or names with commas."
+            help="Geometry to keep as arguments instead of constants: 'all', or names with commas."
         ),
     ] = None,
     order: Ordering = "base-to-tip",
@@ -192,7 +192,7 @@ def _base(
 
     if holds_saved_base(robot):
         if read != reading() or derivation != {"order": "base-to-tip", "prefer": ()}:
-            problem = "a saved set is used as it is, so it takes no options for reading or deriving"
+            problem = "options for reading or deriving do not apply to a saved set"
             raise InputError(problem, source=str(robot))
         try:
             return load_base(robot)

@@ -180,7 +180,7 @@ def run_predict(
     unknown = rows - int(np.isfinite(found.predicted).all(axis=1).sum())
     text = f"{counted(rows, 'row')} predicted"
     if unknown:
-        text += f", {unknown} of them unknown: faulty, or between gaps"
+        text += f", {unknown} of them unknown (faulty samples or gaps)"
     show(text)
     if output is not None:
         show(f"wrote {output.path}")
@@ -191,7 +191,7 @@ def _fit(score: Score) -> str:
     explained = (
         f"R² {score.r2:.4f}, unfiltered {score.raw.r2:.4f}"
         if isfinite(score.r2)
-        else "no R²: it does not vary"
+        else "no R², because it does not vary"
     )
     return f"rms {score.rms:.4g} {score.unit} ({score.percent:.2f} % of its range), {explained}"
 
@@ -267,7 +267,7 @@ def run_check(
 def _lines(found: FirstLook, logs: int) -> Iterator[str]:
     of, seen = found.base.mechanism, found.conditioning
     outputs = counted(len(of.outputs), "output")
-    looked = f"{found.seconds:.4g} s of {counted(logs, 'log')} looked at"
+    looked = f"{found.seconds:.4g} s of {counted(logs, 'log')} examined"
     yield f"{of.name}: {counted(found.base.rank, 'base parameter')}, {outputs}; {looked}"
     for columns in found.columns:
         for kind, channels in columns.channels.items():
@@ -309,7 +309,7 @@ def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> 
     """Write a set-up for a robot and its logs, and say what it leaves open."""
     from echelon.identification import skeleton
 
-    with steps(f"looking at {logs[0]}"):
+    with steps(f"reading {logs[0]}"):
         found = skeleton(
             robot,
             logs,
@@ -323,9 +323,11 @@ def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> 
     for line in found.report:
         show(line)
     for question in found.undecided:
-        show(f"not decided: {question}")
+        show(f"open: {question}")
     if not found.is_complete:
-        show(f"wrote {output.path}; mend it before logs are identified with it")
+        show(
+            f"wrote {output.path}; answer the open questions in it before you identify"
+        )
         return
     show(
         f"wrote {output.path}; next:  echelon identify {output.path} {' '.join(map(str, logs))} -o result/"

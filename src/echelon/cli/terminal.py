@@ -120,7 +120,7 @@ def _hypotheses(hypotheses: Sequence[Judged]) -> Table:
         "",
         "",
         left=("hypothesis",),
-        title="what may be wrong or lacking",
+        title="possible errors of model and logs",
     )
     for some in hypotheses:
         where = (
@@ -147,7 +147,7 @@ def print_servos(fit: ServoFit) -> None:
     print_findings(console, fit.findings)
     for title, scores in (
         ("fitted rows", fit.fitted),
-        ("rows the fit did not see", fit.held_out),
+        ("held-out rows", fit.held_out),
     ):
         table = plain_table(
             "joint", "rms", "R²", "R² of the lag", left=("joint",), title=title

@@ -60,7 +60,7 @@ def _as_text(
     if not whole:
         verdict = f"NOT valid as a whole, {count}: not checked: {unchecked}; checked {certificate.holds}:"
     not_checked = sentence.startswith("NOT checked")
-    alone = "; this takes nothing from what stands above" if not_checked else ""
+    alone = "; the lines above still hold" if not_checked else ""
     return "\n".join(
         [
             f"{file}: {one_line(verdict)}",

@@ -82,10 +82,7 @@ class Noisy:
     @property
     def finding(self) -> Finding:
         """Finding that names the parameter, and says whether the bias is corrected."""
-        text = (
-            f"noise of the positions moves {self.parameter} by {self.bias:.2g} standard deviations, however narrow the "
-            "band"
-        )
+        text = f"position noise shifts {self.parameter} by {self.bias:.2g} standard deviations even in the narrowest band"
         if self.is_known:
             return note(
                 "noisy positions",
@@ -140,10 +137,12 @@ def with_band(
             if place + 1 in fits
             else trials.name(fits[place])
         )
-        reason = f"{bands[place]:.3g} Hz: in a wider band noise of the positions would bias {worst}"
+        reason = (
+            f"{bands[place]:.3g} Hz: in a wider band position noise would bias {worst}"
+        )
         preparation = reasoned(preparation, "band", bands[place], reason)
     elif place < len(bands) - 1:
-        reason = f"{bands[place]:.3g} Hz: above it the model explains less than half of what is measured"
+        reason = f"{bands[place]:.3g} Hz: above it the model explains less than half of the measurement"
         preparation = reasoned(preparation, "band", bands[place], reason)
     fit = fits[place]
     preparation = _with_rest(with_still(log, preparation), trials, fit.values)
@@ -201,7 +200,7 @@ def _with_rest(preparation: Preparation, trials: Trials, values: Floats) -> Prep
         for name, as_sign, as_none in zip(outputs, *left, strict=True)
         if as_none < (1 - REMOVED) * as_sign
     ]
-    text = f"{', '.join(found) or 'none'}: of these it would leave larger residuals to predict friction near standstill"
+    text = f"{', '.join(found) or 'none'}: here the residuals would be larger with friction near standstill than without"
     return reasoned(preparation, "rest", tuple(found), text)
 
 

@@ -55,9 +55,9 @@ def chosen_values(
     if ratio <= 1:
         return "estimate", []
     text = (
-        "predictions use the values of the physical fit: standard deviations of what the estimate predicts of unseen "
-        f"motions are up to {ratio:.2g} times what the model leaves of the fitted ones, which hardly show some "
-        "combinations that others need.  Fit a more exciting trajectory, or write  predict: estimate"
+        f"predictions use the physical fit: on unseen motions the estimate would be uncertain by up to {ratio:.2g} "
+        "times the residuals, because the fitted motions hardly excite some combinations.  Fit a more exciting "
+        "trajectory, or write  predict: estimate"
     )
     return "physical", [note("predictions", "", text)]
 

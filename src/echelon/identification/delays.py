@@ -60,15 +60,17 @@ def with_delays(
     delay, gain = _best(tried, squares)
     # it is longer, or something else is wrong
     if abs(delay) == longest and gain >= REMOVED:
-        text = f"none: no common delay up to {1e3 * longest:.2g} ms would remove most"
+        text = f"none: no common delay up to {1e3 * longest:.2g} ms removes most of the residuals"
         return preparation.model_copy(
             update={"delays": {}, "reasons": {**preparation.reasons, "delays": text}}
         )
     delay = delay if gain >= REMOVED else 0.0
     found = {output.name: delay for output in base.mechanism.outputs if delay}
-    text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
+    text = f"outputs lag positions by {1e3 * delay:.2g} ms; correcting it removes {gain:.0%} of the squared residuals"
     if not delay:
-        text = f"none: no common delay would remove {REMOVED:.0%} of the residuals' squares"
+        text = (
+            f"none: no common delay would remove {REMOVED:.0%} of the squared residuals"
+        )
     for k, output in enumerate(base.mechanism.outputs):
         own, share = _best(
             tried, squares[:, [k]], np.interp(delay, tried, squares[:, k])
@@ -76,7 +78,7 @@ def with_delays(
         is_own = abs(own - delay) > 0.5 / rate and abs(own) < longest
         if share >= 2 * REMOVED and is_own:
             found[output.name] = own
-            text += f"; {output.name} {1e3 * own:.2g} ms, which removes {share:.0%} of what is left of it"
+            text += f"; {output.name} {1e3 * own:.2g} ms, which removes {share:.0%} of its remaining residuals"
     return preparation.model_copy(
         update={"delays": found, "reasons": {**preparation.reasons, "delays": text}}
     )

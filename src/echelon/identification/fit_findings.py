@@ -27,7 +27,9 @@ def contradictions(
     facts = []
     if feasible is not None and feasible.is_beyond(IMPOSSIBLE):
         away = f"{feasible.distance:.2g} standard deviations away"
-        facts.append(f"no robot can have its parameters, the nearest is {away}")
+        facts.append(
+            f"its parameters are unphysical: the nearest physical robot is {away}"
+        )
     told = ("contradiction", "rates") if measured else ("contradiction",)
     facts += [str(finding) for finding in findings if finding.kind in told]
     return facts
@@ -78,8 +80,8 @@ def _of_scores(validations: Sequence[Validation]) -> Iterable[Finding]:
         scores = [score.r2 for score in validation.scores if np.isfinite(score.r2)]
         if validation.role == "identification" and scores and max(scores) < HALF:
             text = (
-                f"the model explains less than half of every output (R² at most {max(scores):.2f}): is this log of "
-                "another robot, or are columns exchanged, or their signs or units wrong?"
+                f"the model explains less than half of every output (R² at most {max(scores):.2f}): check for a "
+                "log of another robot, exchanged columns, wrong signs and wrong units"
             )
             yield warning("stranger", validation.source, text)
     told = [
@@ -91,8 +93,8 @@ def _of_scores(validations: Sequence[Validation]) -> Iterable[Finding]:
     if told and all(score.is_computed for score in told):
         noise = max(score.noise / score.raw.deviation for score in told)
         text = (
-            f"all outputs are predicted without a filter, and their noise is {noise:.1g} of their deviation: they look "
-            "computed from a model or commanded, not measured, so the fit repeats that model"
+            f"the noise of all outputs is only {noise:.1g} of their standard deviation: they look computed or "
+            "commanded, not measured, and the fit repeats their model"
         )
         yield warning("computed", "", text)
 
@@ -100,7 +102,7 @@ def _of_scores(validations: Sequence[Validation]) -> Iterable[Finding]:
 def _of_estimate(estimate: Estimate, seen: DataConditioning) -> Iterable[Finding]:
     for output, rows in zip(estimate.outputs, estimate.rows, strict=True):
         if not rows:
-            text = "no row of it is left: it never moves faster than 'still', so nothing was fitted to it"
+            text = "nothing was fitted to it: it never moves faster than 'still', so all its rows were left out"
             yield warning("silent", f"output '{output}'", text)
     n, course = len(estimate.values), estimate.diagnostics
     if seen.rank < n:

@@ -50,8 +50,10 @@ OnStep = Callable[[str], None]
 
 COMPLETIONS = 4
 """Completions of a set-up with what a fit says: gravity, delays, rotors, and what a rotor explains."""
-_ROTOR = "a rotor inertia was taken in at {}: it weighs nothing, which else a constant force would have to explain"
-_ASSUMED_GRAVITY = "the direction of gravity was left open: -z of the base was taken"
+_ROTOR = "a rotor inertia was added to the model at {}: unlike link inertia, it has no weight"
+_ASSUMED_GRAVITY = (
+    "the set-up does not state the direction of gravity: -z of the base was used"
+)
 
 
 @public
@@ -118,7 +120,7 @@ def identify(
         completed, said = _completed(setup, result, judged, mounted=mounted and lists)
         if completed is setup:
             break
-        step("taking in what the logs say")
+        step("completing the model from the logs")
         setup = completed
         remarks += said
         result, judged = fit(setup)
@@ -128,7 +130,7 @@ def identify(
             note(
                 "gravity",
                 setup.source,
-                _ASSUMED_GRAVITY + ", and nothing speaks against it" * (not against),
+                _ASSUMED_GRAVITY + ", and the logs agree with it" * (not against),
             )
         )
     remarks += [finding(some, lists_effects=lists) for some in judged]
@@ -264,7 +266,7 @@ def _fitted(
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
 
-        step("judging what may be wrong or lacking")
+        step("testing for errors of model and logs")
         is_far = feasible is not None and feasible.is_beyond(CLEAR)
         judged, told = judged_fit(
             data,

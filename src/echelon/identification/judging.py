@@ -1,4 +1,4 @@
-"""Questions to the judge: what may be wrong or lacking in a fit, in a log that was not fitted, or with a clock."""
+"""Questions to the judge: possible errors of model and logs in a fit, in a log that was not fitted, or with a clock."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def misread_elsewhere(
             words = judge.other_load() if mistake is None else mistake[0].words
             if words is not None:
                 kind = "changes" if mistake is None else SETUP_ERROR
-                text = f"in this log, other than in those that were fitted, {words}"
+                text = f"in this log, unlike in the fitted ones, {words}"
                 found.append(warning(kind, str(log), text))
     return found
 

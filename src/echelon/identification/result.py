@@ -124,7 +124,7 @@ class Identification:
         Of ``estimate``.
     physical : PhysicalFit, optional
     validations : tuple of Validation
-        Identification data first, then data that the fit did not see.
+        Identification data first, then unseen data.
     findings : tuple of Finding
         What is wrong with the logs or the fit; warnings first.
     predict_with : str
@@ -136,7 +136,7 @@ class Identification:
     reasons : tuple of str
         Why the model should not be used; empty if nothing speaks against it.
     hypotheses : tuple of Judged
-        What may be wrong or lacking, as it was judged: those that explain what the model leaves, and the next best.
+        Possible errors of model and logs: those that explain residuals, and the next best.
     """
 
     base: BaseModel
@@ -249,9 +249,7 @@ class Identification:
             for name, value, low, high, unit in shown
         ]
         left = len(self.base.pivots) - len(rows)
-        unseen = (
-            "rows the fit did not see" if judged.role == "validation" else "fitted rows"
-        )
+        unseen = "held-out rows" if judged.role == "validation" else "fitted rows"
         return (
             f"<b>{_safe(self.base.mechanism.name)}</b>: {_safe(self.verdict)}"
             + _table(("output", "rms", f"R² of {unseen}"), scores)

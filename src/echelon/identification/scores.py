@@ -179,9 +179,9 @@ class Score:
         if not np.isfinite(self.r2):
             return "it did not vary"
         if self.is_below_noise:
-            return "it varies less than the noise of the sensor"
+            return "it varies less than the sensor noise"
         if self.is_at_rest and self.r2 < USABLE:
-            return "its joint rests, where dry friction holds any force"
+            return "its joint rests, where dry friction hides the force"
         return ""
 
     @property

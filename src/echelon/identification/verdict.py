@@ -82,19 +82,18 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     ]
     silent = _silent(judged.scores)
     if not told:
-        text = f"Nothing can be said on {_data(judged)} ({judged.source}): {_listed(silent)}"
+        text = f"No verdict on {_data(judged)} ({judged.source}): {_listed(silent)}"
         if not any(score.is_at_rest for score in judged.scores):
             noisy = any(score.is_below_noise for score in judged.scores)
             text = (
-                "Nothing can be said: no output varied"
+                "No verdict: no output varied"
                 + " by more than its sensor's noise" * noisy
             )
         return Judgement(f"{text}.", (text, *facts))
     worst, lowest = min(told, key=lambda entry: (entry[1], entry[0].r2))
     sentences = [_headline(lowest, worst, judged, facts)]
     sentences += [
-        f"Of {outputs} nothing can be said: {reason}."
-        for reason, outputs in silent.items()
+        f"No verdict on {outputs}: {reason}." for reason, outputs in silent.items()
     ]
     if all(score.is_computed for score, _ in told):
         sentences.append("The outputs have no noise: they look computed, not measured.")
@@ -107,11 +106,11 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
             else enumerated([s.output for s in unexplained])
         )
         sentences.append(
-            f"What is left of {outputs} is up to {most.by_noise:.2g} times the noise of the sensor: something is not "
-            "modelled, so parameters may be further off than their intervals say."
+            f"Residuals of {outputs} are up to {most.by_noise:.2g} times the sensor noise: the model lacks an "
+            "effect, and parameters may be further off than their intervals."
         )
     if judged.role != "validation":
-        sentences.append("Without other data it stays open whether it carries over.")
+        sentences.append("Check it on other data, which these logs do not include.")
     if judged.prior_scores and _total(judged.prior_scores, judged.scores) * BETTER < 1:
         sentences.append("The prior model predicts better.")
     low = [
@@ -138,11 +137,11 @@ def _headline(
 ) -> str:
     """The first sentence: how well the worst output is predicted, and what contradicts the model."""
     raw = f", {worst.raw.r2:.4g} without a filter" if np.isfinite(worst.raw.r2) else ""
-    text = f"on {_data(judged)}; the least is R² {worst.r2:.4g} of {worst.output}{raw} ({judged.source})"
+    text = f"on {_data(judged)}; the lowest R² is {worst.r2:.4g}, of {worst.output}{raw} ({judged.source})"
     if not facts:
         return f"{_WORDS[lowest]} {text}."
     words = (
-        "The model should not be used, whatever it predicts"
+        "Do not use the model, despite its predictions"
         if lowest >= Grade.USABLE
         else _WORDS[lowest]
     )
@@ -150,11 +149,7 @@ def _headline(
 
 
 def _data(judged: Validation) -> str:
-    return (
-        "data that the fit did not see"
-        if judged.role == "validation"
-        else "the data it was fitted to"
-    )
+    return "unseen data" if judged.role == "validation" else "the fitted data"
 
 
 # -- sentences --------------------------------------------------------------------------------------------------------
@@ -175,9 +170,9 @@ def _fit(scores: Sequence[Score], data: str) -> str:
         parts.append(f"{_outputs(useless)} worse than a constant would")
     silent = _silent(scores)
     if not parts:
-        return f"On {data} nothing can be said of {_listed(silent)}."
+        return f"On {data} there is no verdict on {_listed(silent)}."
     text = f"On {data} the model predicts {'; '.join(parts)}."
-    return f"{text} Nothing can be said of {_listed(silent)}." if silent else text
+    return f"{text} No verdict on {_listed(silent)}." if silent else text
 
 
 def _silent(scores: Sequence[Score]) -> dict[str, str]:
@@ -214,10 +209,13 @@ def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]
             if quiet
             else ""
         )
-        return [f"Residuals are as on the data it was fitted to: it carries over{why}."]
+        return [
+            f"Residuals are as small as on the fitted data: the model carries over{why}."
+        ]
     shown = enumerated([f"{name} ({ratio:.2g} times)" for name, ratio in worse.items()])
     return [
-        f"Residuals are larger than on the data it was fitted to for {shown}: overfitted, or these data hold more."
+        f"Residuals are larger than on the fitted data for {shown}: the model is overfitted, or these data show "
+        "further effects."
     ]
 
 

@@ -44,7 +44,7 @@ from echelon.shared import (
 
 TITLES = {
     "summary": "Fit of each output",
-    "hypotheses": "What may be wrong or lacking",
+    "hypotheses": "Possible errors of model and logs",
     "parameters": "Base parameters",
     "traces": "Measured and predicted",
     "residuals": "Residuals",

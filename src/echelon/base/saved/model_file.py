@@ -56,7 +56,7 @@ def load_model(
         return read_model(source, **reading)
     if reading:
         raise InputError(
-            "a saved set is used as it is, so it takes no options for reading",
+            "options for reading do not apply to a saved set",
             source=str(source),
         )
     return load_linear_base(source) if linear else load_base(source)

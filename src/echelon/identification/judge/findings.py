@@ -77,7 +77,7 @@ def _of_effect(judged: Judged, *, lists_effects: bool, taken: bool) -> Finding:
         if lists_effects
         else f"write effects: [usual, {', '.join(lines)}]"
     )
-    line = f"it was taken in; to state it, {line}" if taken else line
+    line = f"it is part of the model now; to state it, {line}" if taken else line
     rises = list(zip(judged.places, judged.before, judged.after, strict=True))
     gains = ", ".join(
         f"{name} {before:.4f} to {after:.4f}" for name, before, after in rises

@@ -480,7 +480,7 @@ class Judge:
     def _sized(self, judged: Judged, turned: Turned) -> Judged:
         words, write = turned.words
         if judged.alternatives:
-            words += f", which these data do not tell from {' or '.join(judged.alternatives)}"
+            words += f"; these data cannot distinguish it from {' or '.join(judged.alternatives)}"
         gravity, delays = None, {}
         if judged.kind is Kind.DELAY:
             delays = self.readings.all_delays(np.asarray(self.states.late))
@@ -848,7 +848,7 @@ def _of_position(chosen: _Candidate, alike: Sequence[_Candidate]) -> _Candidate:
         or len(same) < _ALTERNATIVES
     ):
         return chosen
-    words = f"something that depends on the position, such as {chosen.judged.words}"
+    words = f"an effect of the position, such as {chosen.judged.words}"
     return replace(chosen, judged=replace(chosen.judged, words=words))
 
 

@@ -18,7 +18,9 @@ from echelon.shared import Floats
 _SHORT = 0.01
 """Delay up to which none is told here, s: those were looked for on the clock of the log, which knows when friction
 turns while the slower one of the rows does not."""
-_RATIO = "what it should be beside the others, for data tell ratios of outputs only"
+_RATIO = (
+    "its true size relative to the others, since the data show only ratios of outputs"
+)
 
 
 def turned(readings: Readings, states: States, values: Floats) -> Iterator[Term]:

@@ -103,7 +103,7 @@ class Readings:
                     yield OtherReading(
                         text, partial(_with_gravity, found), gravity=found
                     )
-        text = "the outputs are without the weight, as torques are that a controller compensates (gravity: none)"
+        text = "the outputs contain no weight, like torques of a controller that compensates gravity (gravity: none)"
         yield OtherReading(
             text, partial(_with_gravity, np.zeros(3)), gravity=np.zeros(3)
         )

@@ -158,7 +158,7 @@ class LongLog:
             name: np.concatenate([piece[name] for piece in pieces]) for name in needed
         }
         if any(len(values[self._time]) != len(mine) for mine in self._rows.values()):
-            raise InputError("some rows cannot be read, so that it is not known of which label they are",
+            raise InputError("some rows cannot be read, so their label is unknown",
                              source=self.source)  # fmt: skip
         labels = dict.fromkeys(
             self._places[name][1] for name in chosen if name in self._places

@@ -31,7 +31,7 @@ def logged_positions(
     else:
         found = guess(tuple(table.columns), mechanism, lambda: table, outputs=False)
         if found.problems:
-            advice = "say under  log  which columns are positions"
+            advice = "name the columns of positions under  log"
             raise InputError("; ".join([*found.problems, advice]), source=table.source)
         positions, unlogged = found.columns.positions, found.unlogged
     logged = (

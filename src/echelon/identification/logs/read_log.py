@@ -97,7 +97,7 @@ def _left_out(table: Table) -> tuple[Finding, ...]:
 def _chosen(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
     """The map whose columns a file has; for none, the error says what the nearest one lacks."""
     if not columns:
-        problem = "the set-up does not say what the columns are: add the section  log, or let  echelon setup  write it"
+        problem = "the set-up lacks the section  log, which names the columns: add it, or let  echelon setup  write it"
         raise InputError(problem, source=log.source)
     lacking = [
         sum(name not in log.names for name in needed_columns(some)) for some in columns

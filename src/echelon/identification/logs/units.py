@@ -178,7 +178,7 @@ def _named(name: str, text: str, wanted: Sequence[str]) -> _Unit:
         found = {unit.factor: unit for unit in _joined(name, parts)}
         if len(found) > 1:
             raise InputError(
-                f"'{text}' can be read in several ways; write products with a dot, as in N·m"
+                f"'{text}' is ambiguous; write products with a dot, as in N·m"
             )
         if found:
             return next(iter(found.values()))

@@ -181,7 +181,7 @@ class IdentifiedRecord(FiniteRecord):
     )
     findings: list[dict[str, str]]
     hypotheses: list[HypothesisRecord] = Field(
-        description="What may be wrong or lacking, best ones first."
+        description="Possible errors of model and logs, best ones first."
     )
     predict_with: Values
     values: dict[str, Value] = Field(

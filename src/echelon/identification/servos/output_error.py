@@ -67,8 +67,8 @@ class OutputErrorProblem:
         rest, slopes = self._linearised(values)
         if not np.isfinite(rest).all():
             raise InputError(
-                "the robot with its starting values cannot be simulated: are signs, units or the order of the commands "
-                "wrong, or is the mass matrix of the file not positive?"
+                "the robot cannot be simulated with its starting values: check signs, units and order of the "
+                "commands, and whether the file's mass matrix is positive"
             )
         noise, damping, converged, count = _noise(rest), 1e-3, False, 0
         while not converged and count < self.most_steps and damping < self.stuck:

@@ -160,11 +160,7 @@ class ServoFit:
         ]
         return (
             *found,
-            *(
-                ()
-                if self.converged
-                else ("the steps of the fit did not come to an end",)
-            ),
+            *(() if self.converged else ("the fit did not converge",)),
         )
 
     def __repr__(self) -> str:
@@ -428,8 +424,8 @@ def _unclear(estimate: Estimate, servos: Mapping[str, str]) -> Sequence[str]:
     """Joints whose forces have a scale that motion hardly shows."""
     relative = dict(zip(estimate.parameters, estimate.relative_std, strict=True))
     return [
-        f"the forces of {joint} are known to ±{2 * relative[gain]:.0f} % only: it moves too little mass for the other "
-        "joints to feel, so that its scale is mostly the file's"
+        f"the forces of {joint} are known to ±{2 * relative[gain]:.0f} % only: it moves too little mass to affect "
+        "the other joints, so its scale comes mostly from the file"
         for joint, gain in servos.items()
         if relative[gain] > VAGUE
     ]

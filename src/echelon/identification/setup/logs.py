@@ -138,7 +138,7 @@ def understood(
     locked = _assumed(setup, found.unlogged)
     if locked:
         notes.append(
-            f"the log has no columns for {listed(locked)}: taken to rest, {_line(locked)}"
+            f"the log has no columns for {listed(locked)}, which count as resting, {_line(locked)}"
         )
     if columns.positions:
         tables = file.tables(needed_columns(columns, file.names))
@@ -171,7 +171,7 @@ def understood(
             ]
             notes += (
                 [
-                    f"all samples of {listed(mute)} are equal: does the joint rest, or has it no sensor?"
+                    f"all samples of {listed(mute)} are equal: does the joint rest, or does it lack a sensor?"
                 ]
                 if mute
                 else []
@@ -181,7 +181,7 @@ def understood(
     silent -= locked.keys()
     if silent:
         notes.append(
-            f"no output is measured of {listed(silent)}: it has no column, or only zeros in it"
+            f"no measured output for {listed(silent)}: no column, or only zeros"
         )
     return Understood(
         _without(setup, locked, silent),
@@ -295,7 +295,7 @@ def _with_gears(
         if ratio != 1.0:
             outputs[drive.joint] = replace(channel, scale=ratio * channel.scale)
             notes.append(
-                f"'{channel.column}' is the force of actuator '{drive.name}' by its name: times its gear, {ratio:g}"
+                f"'{channel.column}' has the name of actuator '{drive.name}' and is multiplied by its gear, {ratio:g}"
             )
     return replace(columns, outputs=outputs), notes
 
@@ -303,7 +303,7 @@ def _with_gears(
 def _line(locked: Mapping[str, float]) -> str:
     """The line that says where joints rest."""
     if len(locked) > MOST_NAMED:
-        return "where  locked  says" if any(locked.values()) else "at zero"
+        return "where  locked  states" if any(locked.values()) else "at zero"
     return f"as by  locked: {{{', '.join(f'{name}: {position:.6g}' for name, position in locked.items())}}}"
 
 
@@ -343,7 +343,7 @@ def _without_empty(columns: ColumnMap, table: Table) -> tuple[ColumnMap, list[st
             if not np.isfinite(table.columns[some.column]).any()
         ]
         notes += (
-            [f"no {kind} is used, as there are no numbers in {listed(empty)}"]
+            [f"no {kind} is used, because {listed(empty)} hold no numbers"]
             if empty
             else []
         )

@@ -189,15 +189,15 @@ def _check_single(setup: Setup) -> None:
     mechanism = setup.mechanism
     if mechanism.experiments:
         raise InputError(
-            f"it states the experiments {in_quotes(mechanism.experiments)}, and logs and motions are those of one: leave "
-            "the others out, or add their observations in Python (docs/experiments.md)",
+            f"it states the experiments {in_quotes(mechanism.experiments)}, and a log or a motion belongs to one: "
+            "leave the others out, or add their observations in Python (docs/experiments.md)",
             source=setup.source,
             element="experiments",
         )
     if mechanism.contacts:
         raise InputError(
-            "forces that nobody measures act there, and rows of logs would hold them: leave contacts out if there are "
-            "none in the logs, or use base.without_contact_forces in Python (docs/experiments.md)",
+            "unmeasured forces act there, and rows of logs would contain them: leave contacts out if the logs have "
+            "none, or use base.without_contact_forces in Python (docs/experiments.md)",
             source=setup.source,
             element=f"contact '{mechanism.contacts[0].name}'",
         )

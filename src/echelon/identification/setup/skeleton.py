@@ -77,7 +77,7 @@ def skeleton(
     """
     file = open_robot(robot)
     if file.is_description and "log" in file.document.data:
-        raise InputError("this set-up says already what its logs mean; edit it, or begin with a robot file",
+        raise InputError("this set-up has a section log already; edit it, or start from a robot file",
                          source=file.source)  # fmt: skip
     setup = load_setup(file)
     paths = joined(log_paths(logs), setup.mechanism)
@@ -95,7 +95,7 @@ def skeleton(
                 found, file, log, folder, lambda setup: rate_of(setup, paths)
             )
         explained = (
-            f"; a robot that can exist explains the outputs if the rate is {proposed:g} Hz"
+            f"; a physical robot explains the outputs if the rate is {proposed:g} Hz"
             if proposed
             else ""
         )
@@ -104,12 +104,12 @@ def skeleton(
         )
     if not problems and not (found.columns.outputs or found.columns.inputs):
         problems = (
-            "no output is measured: say under log which columns are torques, forces or currents",
+            "no output is measured: name the columns of torques, forces or currents under log",
         )
     body = _body(file, found, log, folder, proposed)
     questions = (*problems, *_questions(found.columns))
     trial, is_read = ((), False) if problems else _trial(body, folder, paths)
-    first = "Look it through" if is_read else "Mend what is not decided"
+    first = "Check it" if is_read else "Answer the open questions"
     head = [
         f"# Set-up of {setup.mechanism.name} for {log.source}, written by  echelon setup.  {first}, then"
     ]
@@ -119,7 +119,7 @@ def skeleton(
     ]
     head += (
         _comments("found", found.notes)
-        + _comments("not decided", questions)
+        + _comments("open", questions)
         + _comments("tried", trial)
     )
     return Skeleton(
@@ -130,7 +130,7 @@ def skeleton(
 def _commanded(found: Understood) -> Understood:
     """The reading of a log that has position commands and no torques."""
     columns = replace(found.columns, references={}, inputs=found.columns.references)
-    note = "there are no outputs but position commands, so that servos are fitted"
+    note = "the log has position commands and no outputs, so servos are fitted"
     return replace(found, columns=columns, notes=(*found.notes, note))
 
 
@@ -151,15 +151,15 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
         if not is_period(period):
             return found
         rate = round_rate(period)
-        text = f"time stamps in '{columns.time.column}' are coarser than the samples, so that many repeat; by the "
-        text += f"first and the last one a sample takes {1000 * period:.4g} ms: the rate is {rate:.4g} Hz"
+        text = f"time stamps in '{columns.time.column}' are coarser than the samples, and many repeat; the first and "
+        text += f"the last one give {1000 * period:.4g} ms per sample: the rate is {rate:.4g} Hz"
     elif (
         time is None
         and not table.clocks
         and columns.positions.keys() & columns.velocities.keys()
     ):
         rate, error = _rate_by_velocities(columns, table)
-        text = f"positions change as the velocities say at {rate:.5g} ± {2 * error:.2g} samples per second"
+        text = f"positions and velocities agree at {rate:.5g} ± {2 * error:.2g} samples per second"
         if not is_period(1 / rate):
             return found
         if error > JITTER * rate:
@@ -230,24 +230,23 @@ def _questions(columns: ColumnMap) -> list[str]:
     asked = []
     if columns.rate and columns.time is None:
         asked.append(
-            f"whether there are {columns.rate:g} samples per second, as found above"
+            f"check the rate of {columns.rate:g} samples per second, as found above"
         )
     if columns.outputs and not any(
         channel.unit for channel in columns.outputs.values()
     ):
-        asked.append("whether outputs are in N·m (N), at the joints' side of the gears; of motors before gears, state "
-                     "actuators: {m1: 100*joint1} and name these under output")  # fmt: skip
+        asked.append("check that outputs are in N·m (N), on the joints' side of the gears; for motors before gears, state actuators: {m1: 100*joint1} and name these under output")  # fmt: skip
     if columns.positions and not any(
         channel.unit for channel in columns.positions.values()
     ):
         asked.append(
-            "whether positions are zero, and turn the same way, where the robot file says so (offset, scale: -1)"
+            "check joint zeros and signs against the robot file (offset, scale: -1)"
         )
     for name, channel in columns.positions.items():
         if _INCLINED.search(channel.column) and not _INCLINED.search(name):
             asked.append(
-                f"whether '{channel.column}' is the angle of the joint '{name}': the angle of a body to the vertical is a "
-                f"sensor, sensors: {{tilt: {{body: …}}}}, and a position of its own, position: {{tilt: {channel.column}}}"
+                f"check that '{channel.column}' is the angle of the joint '{name}'; an inclinometer is a sensor, "
+                f"sensors: {{tilt: {{body: …}}}}, with a position of its own, position: {{tilt: {channel.column}}}"
             )
     return asked
 

@@ -67,8 +67,8 @@ _ALTERNATIVES = {
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _AS_NAMED: Mapping[str, str] = {}
 _SERVOS = (
-    "; if none is an output, there are commands of positions, to which servos can be fitted: name these under input, "
-    "with the effect {type: servo, at: all}"
+    "; if the log has position commands and no outputs, servos can be fitted: name the commands under input, with "
+    "the effect {type: servo, at: all}"
 )
 _DIGITS = re.compile(r"\d+")
 _FIRST = re.compile(r"/?[^\W_]+[\W_]+")
@@ -127,11 +127,11 @@ def guess(
         first, *others = several
         text = f"the log has several sets of columns, {listed([f'{word}…' for word in several])}"
         if by_values:
-            text += f": taken are those of {first}…; for another, write {' or '.join(others)} for {first} under log"
+            text += f": those of {first}… are used; for another set, replace {first} by {' or '.join(others)} under log"
             return replace(several[first], notes=(*several[first].notes, text))
         return replace(
             whole,
-            problems=(f"{text}: say under log which are those of {mechanism.name}",),
+            problems=(f"{text}: name the columns of {mechanism.name} under log",),
         )
     parts = []
     for locked in unlogged_joints(names, columns.meanings, columns.known, mechanism):
@@ -145,7 +145,7 @@ def guess(
         which = " or ".join(
             f"those of {listed(part.columns.positions)}" for part in parts
         )
-        problem = f"the log has columns for some of the joints, {which}: say which others rest, under locked"
+        problem = f"the log has columns for some joints only, {which}: list the joints that rest under locked"
         choices = tuple(part.unlogged for part in parts)
         return replace(
             whole, columns=parts[0].columns, problems=(problem,), choices=choices
@@ -258,7 +258,7 @@ class _Columns:
                 if name in self.meanings and self.meanings[name].motor
             ]
             if motors and not actuators(self.mechanism):
-                text = "are those of motors by their names, taken for angles of joints"
+                text = "have names of motors and are read as joint angles"
                 notes.append(
                     f"{listed(motors)} {text}: state actuators if there are gears"
                 )
@@ -302,14 +302,14 @@ class _Columns:
             time.column not in self.meanings
             or self.meanings[time.column].kind != "time"
         ):
-            yield f"'{time.column}' taken for the time, because it grows as a clock does"
+            yield f"'{time.column}' is read as the time, because it grows like a clock"
         outputs = {channel.column for channel in groups["output"].values()}
         said = [said for column, said in self.meanings.items() if column in outputs]
         if any(one.kind == "current" for one in said):
-            yield "the outputs are currents by their names, taken for torques: give the torque per ampere as scale"
+            yield "the outputs have names of currents and are read as torques: give the torque per ampere as scale"
         for sign, share in zip(SHARES, ("hundredth", "thousandth"), strict=True):
             if any(one.unit == sign for one in said):
-                yield f"the outputs are in {sign}, taken for torques: give a {share} of the rated torque as scale"
+                yield f"the outputs are in {sign} and are read as torques: give a {share} of the rated torque as scale"
 
     def sets(self) -> dict[str, Guess]:
         """Guesses by the first words of columns that without this word are all that the robot needs."""
@@ -347,7 +347,7 @@ class _Columns:
                     else family.label
                 )
                 notes.append(
-                    f"{columns} taken for the {_several(kind)} of {listed(groups[kind])} by their values"
+                    f"{columns} are read as the {_several(kind)} of {listed(groups[kind])}, judging by their values"
                 )
         return notes
 
@@ -447,8 +447,8 @@ class _Columns:
             }
             if not motors and not at_joints:
                 raise InputError(
-                    f"{listed(own)} are measured at motors by their names, but {self.mechanism.name} states no "
-                    "actuators: state actuators: {m1: 100*joint1}, or say under log that they are positions of joints"
+                    f"{listed(own)} have names of motors, but {self.mechanism.name} states no actuators: state "
+                    f"actuators: {{m1: 100*joint1}}, or list them as positions of joints under log"
                 )
             valid = valid if at_joints else motors
         keys = {column: said.name for column, said in own.items() if said.name}
@@ -481,7 +481,7 @@ class _Columns:
             if name in found:
                 both = f"'{found[name].column}' and '{column}'"
                 raise InputError(
-                    f"{both} could both be the {kind} of '{name}'; say under log which it is"
+                    f"{both} could both be the {kind} of '{name}'; name the right one under log"
                 )
             found[name] = channel
         missing = [name for name in valid if name not in found]
@@ -497,7 +497,7 @@ class _Columns:
                 ]
             )
             raise InputError(
-                f"no column is the {kind} of {listed(missing)} ({taken}); say under log which they are"
+                f"no column is the {kind} of {listed(missing)} ({taken}); name them under log"
             )
         return {name: found[name] for name in [*valid, *motors] if name in found}
 
@@ -537,7 +537,7 @@ class _Columns:
                 has = f"{counted(len(found), kind, _several(kind))} ({words} {', '.join(map(str, sorted(found)))})"
             raise InputError(
                 f"the log has {has}, {listed(numbers)}, but {self.mechanism.name} has {len(valid)}: {listed(valid)}; "
-                "is it a log of another robot?  If not, say under log which they are"
+                "is it a log of another robot?  If not, name the columns under log"
             )
         return {
             column: valid[number - first]
@@ -651,14 +651,14 @@ class _Columns:
             self._driven(forces) if self.outputs else {},
         )
         notes += [
-            f"'{column}' taken for the output of {name}"
+            f"'{column}' is read as the output of {name}"
             for name, column in driven.items()
         ]
         groups["output"] = {
             name: self._plain_channel(column, "output", name)
             for name, column in driven.items()
         }
-        problem = f"no column can be told to be the output of one of {listed(self.joints)}; say under log which it is"
+        problem = f"no column recognised as the output of one of {listed(self.joints)}; name it under log"
         problems = (problem,) if self.outputs and not driven else ()
         kinds = (
             groups.get(kind, {})
@@ -705,19 +705,17 @@ class _Columns:
         for family in self._families(unknown):
             kinds = [kind for kind, some in seen.items() if some == family]
             by = (
-                f"{_several(kinds[0])} by their values"
+                f"{_several(kinds[0])}, judging by their values"
                 if kinds
                 else _nearest(family.columns[0])
             )
             asked.append(f"{family.label}{by and f' ({by})'}")
             left = [name for name in left if name not in family.columns]
         asked += [f"{name}{(by := _nearest(name)) and f' ({by})'}" for name in left]
-        kinds_said = " and ".join(f"{kind}s" for kind in absent)
-        text = f"no columns for {kinds_said} of {self.mechanism.name} can be told from their names"
+        kinds_said = " and ".join(absent)
+        text = f"no {kinds_said} columns of {self.mechanism.name} recognised"
         return (
-            f"{text}; not understood: {listed(asked)}; say under log which they are"
-            if asked
-            else text
+            f"{text}; unclear: {listed(asked)}; name them under log" if asked else text
         )
 
 

@@ -122,7 +122,7 @@ class Alignment:
         if own is None:
             candidates = time_candidates(tuple(self.table.columns))
             hint = (
-                f": by their names, these could be time stamps: {listed(candidates)}"
+                f"; these columns could be time stamps: {listed(candidates)}"
                 if candidates
                 else ""
             )
@@ -323,7 +323,7 @@ def _read(
         largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
         if largest > LARGEST or 0 < largest < 1 / LARGEST:
             valid = f"{1 / LARGEST:.0e} to {LARGEST:.0e}"
-            problem = f"goes to {largest:.3g} in SI units, which no sensor measures (valid: {valid})"
+            problem = f"reaches {largest:.3g} in SI units, which no sensor measures (valid: {valid})"
             raise InputError(
                 problem, element=f"column '{channel.column}' ({kind} of '{name}')"
             )

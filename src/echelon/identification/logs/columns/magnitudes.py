@@ -62,7 +62,7 @@ def with_units(
     if time is not None and not time.unit and time.column in table.columns:
         unit = clock_unit(table.columns[time.column])
         if unit:
-            text = f"the time '{time.column}' is taken to be in {unit}: in seconds it would be no rate of a robot's log"
+            text = f"the time '{time.column}' is read as {unit}: in seconds the rate would be unlike a robot's log"
             notes.append(note("units", table.source, text))
         time = replace(time, unit=unit)
     for kind, si, unit, words in _ASSUMED:
@@ -92,7 +92,7 @@ def with_units(
                 warning(
                     "units",
                     table.source,
-                    f"{words[0]} up to {most:.4g} are taken to be in {words[1]}",
+                    f"{words[0]} up to {most:.4g} are read as {words[1]}",
                 )
             )
     asked = {

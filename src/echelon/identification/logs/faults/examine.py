@@ -228,7 +228,7 @@ class _Examination:
                 self.say(
                     "spikes",
                     channel.label,
-                    f"{samples} far off the course before and after; left out",
+                    f"{samples} far from their neighbours; left out",
                     places[0],
                 )
 
@@ -332,7 +332,7 @@ class _Examination:
         if noise < NO_ENCODER:
             text = (
                 f"their noise is at most {noise:.1g} (rad, m), less than any encoder has: they were smoothed, "
-                "commanded or simulated, and tell less of the robot's motion than they seem to"
+                "commanded or simulated, and may differ from the real motion"
             )
             self.say("smooth", "positions", text, severity=Severity.NOTE)
 

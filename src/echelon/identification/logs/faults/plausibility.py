@@ -120,7 +120,7 @@ class _Magnitudes:
             question = (
                 f"is time in {unit} (unit: {unit}; {samples:.4g} samples per second)?"
             )
-            text = f"{text}: {question} If it really is in seconds, say unit: s"
+            text = f"{text}: {question} If it really is in seconds, write unit: s"
             raise self.refused(f"column '{channel.column}'", text)
         return self.warned(
             "time", "time", text + (f": is time in {unit}?" if unit else f", {slow}")
@@ -145,7 +145,7 @@ class _Magnitudes:
             text = f"{names}: angles up to {most:.4g} rad are {most / math.tau:.3g} turns: {question}"
             if len(far) > 1 and 2 * len(far) > len(turning):
                 raise self.refused(
-                    "positions", f"{text} If they are right, say unit: rad"
+                    "positions", f"{text} If they are right, write unit: rad"
                 )
             return self.warned("units", "positions", text)
         most = max(map(_range, turning), default=math.inf)
@@ -164,7 +164,7 @@ class _Magnitudes:
         for channel in self._positions(MotionKind.TRANSLATION):
             most, moved = _largest(channel), _range(channel)
             if most > LARGEST["m"] and _unstated(stated, channel):
-                problem = f"it goes to {most:.4g} m: is it in mm (unit: mm)?  If it is right, say unit: m"
+                problem = f"it goes to {most:.4g} m: is it in mm (unit: mm)?  If it is right, write unit: m"
                 raise self.refused(channel.label, problem)
             unit = stated[channel.name].unit if channel.name in stated else ""
             if factor(unit, "m") < 0.1 and 0 < moved < SMALLEST["m"]:
@@ -185,7 +185,7 @@ class _Magnitudes:
                     f"it goes to {most:.4g} {unit}: is it in m{unit} (unit: m{unit})?"
                 )
                 raise self.refused(
-                    channel.label, f"{problem}  If it is right, say unit: {unit}"
+                    channel.label, f"{problem}  If it is right, write unit: {unit}"
                 )
             torques += [most] if unit == "N·m" else []
         static = _largest_static_torque(self.mechanism)
