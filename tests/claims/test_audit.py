@@ -90,7 +90,7 @@ def test_wrong_sign_missing_and_redundant_rows() -> None:
     texts = [str(d) for f in found.of(Agreement.WRONG) for d in f.differences]
     assert texts == [
         "MZ4 has the coefficient -1 instead of 1",
-        "the term 1·M1 does not belong here",
+        "the term 1·M1 does not belong here: 1 instead of 0",
     ]
     check(found, model)
     text = str(found)
@@ -116,7 +116,7 @@ def test_equal_lengths_do_not_excuse_a_wrong_symbol() -> None:
     found = ec.audit(base(RX90_FILE), claims)
     assert (
         str(found.of(Agreement.WRONG)[0].differences[0])
-        == "MZ3 has the coefficient -RL4 instead of -D3"
+        == "MZ3 has the coefficient -RL4 = -0.45 instead of -D3 = -0.45"
     )
     claims[3] = "XZ2 - 0.45*MZ3"
     found = ec.audit(base(RX90_FILE), claims)
@@ -130,7 +130,7 @@ def test_terms_that_were_dropped() -> None:
     assert length is not None
     found = ec.audit(robot, [f"ZZ1 + {length**2:.4f}*M2", *claims[1:]])
     assert [str(d) for f in found.of(Agreement.WRONG) for d in f.differences] == [
-        "the term l1·M2 is missing"
+        f"the term l1·M2 is missing: 0 instead of l1 = {length:.6g}"
     ]
 
 

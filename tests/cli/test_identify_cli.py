@@ -53,9 +53,7 @@ def test_the_gate_gives_its_reasons(setup: Path) -> None:
     log = flipped(setup.with_name("run0.parquet"))
     done = run("identify", str(setup), str(log), "--no-physical", "--check")
     assert done.returncode == 1
-    assert done.stderr.startswith(
-        "echelon: do not use the model: on unseen data"
-    )
+    assert done.stderr.startswith("echelon: do not use the model: on unseen data")
     assert run("identify", str(setup), str(log), "--no-physical").returncode == 0
 
 

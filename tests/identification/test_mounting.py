@@ -32,7 +32,7 @@ def test_a_wall_that_nobody_stated_is_found() -> None:
     )
     found = about_gravity(result)
     assert "gravity is along x of the base" in found[0].text
-    assert found[0].text.endswith("it was taken in")
+    assert found[0].text.endswith("it is part of the model now")
     assert min(score.r2 for score in result.validations[-1].scores) > 0.999
 
 

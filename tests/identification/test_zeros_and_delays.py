@@ -285,7 +285,7 @@ def test_delays_that_nobody_stated_are_taken_in() -> None:
     assert min(score.r2 for score in result.validations[-1].scores) > 0.999
     (found,) = [f for f in result.findings if f.kind == "setup error"]
     assert re.match(r"the outputs are 0\.15 ± \S+ s late", found.text)
-    assert found.text.endswith("it was taken in")
+    assert found.text.endswith("it is part of the model now")
 
 
 @pytest.mark.slow
@@ -297,4 +297,4 @@ def test_delays_that_are_stated_are_not_taken_in() -> None:
     result = ec.identify(stated, swinging_late())
     (found,) = [f for f in result.findings if f.kind == "setup error"]
     assert "delays: {shoulder_joint: 0.1" in found.text
-    assert "it would be explained if the outputs are" in result.verdict
+    assert "a likely cause: the outputs are" in result.verdict

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
@@ -19,7 +19,7 @@ from echelon.base import (
     legend,
     shown_expressions,
 )
-from echelon.identification import Finding, Severity, counted
+from echelon.identification import Finding, Severity, counted, verdict_parts
 from echelon.shared import PARAMETERS, one_line
 
 if TYPE_CHECKING:
@@ -109,7 +109,21 @@ def print_identification(result: Identification) -> None:
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
         console.print(Text(result.feasibility.evidence))
-    console.print(Text(result.verdict, style="bold"))
+    _print_verdict(console, result.verdict, result.reasons)
+
+
+def _print_verdict(console: Console, verdict: str, reasons: Sequence[str]) -> None:
+    """Print a badge with the first sentence of a verdict, then why, then the rest."""
+    sentence, apart, remarks = verdict_parts(verdict, reasons)
+    badge, colour = ("DO NOT USE", "red") if reasons else ("USABLE", "green")
+    style = f"bold white on {colour}"
+    console.print(
+        Text.assemble((f" {badge} ", style), " ", (one_line(sentence), "bold"))
+    )
+    for reason in apart:
+        console.print(Text(f"  reason: {one_line(reason)}", style=colour))
+    for remark in remarks:
+        console.print(Text(f"  {one_line(remark)}"))
 
 
 def _hypotheses(hypotheses: Sequence[Judged]) -> Table:
@@ -179,17 +193,19 @@ def print_findings(console: Console, findings: Sequence[Finding]) -> None:
 
 
 def plain_table(*columns: str, left: Sequence[str], title: str = "") -> Table:
-    """A table without lines: numbers stand at the right, the columns that are named at the left."""
+    """A table without lines: numbers at the right, and columns that are named at the left.
+
+    The first column alone breaks lines in a narrow terminal, so that units stay beside their numbers.
+    """
     table = Table(
         title=Text(title) if title else None,
         title_justify="left",
         box=None,
         padding=(0, 2, 0, 0),
     )
-    for column in columns:
-        table.add_column(
-            column, justify="left" if column in left else "right", overflow="fold"
-        )
+    for k, column in enumerate(columns):
+        side: JustifyMethod = "left" if column in left else "right"
+        table.add_column(column, justify=side, overflow="fold", no_wrap=k > 0)
     return table
 
 
@@ -200,21 +216,23 @@ def _headline(result: Identification) -> str:
 
 
 def _scores(validation: Validation) -> Table:
-    beside = {"prior": validation.prior_scores, "no friction": validation.plain_scores}
+    beside = {
+        "prior": validation.prior_scores,
+        "no\nfriction": validation.plain_scores,
+    }
     models = [name for name, scores in beside.items() if scores]
-    columns = ("output", "rms", "% of range", "R²", "moving", "unfiltered", *models)
+    columns = ("output", "rms", "unit", "% of\nrange", "R²", "moving", "un-\nfiltered")
     table = plain_table(
         *columns,
-        left=("output",),
+        *models,
+        left=("output", "unit"),
         title=f"{validation.role}: {one_line(validation.source)}",
     )
     for k, score in enumerate(validation.scores):
-        rms = (
-            f"{score.rms:.4g} {one_line(score.unit)}"
-            if math.isfinite(score.rms)
-            else "–"
-        )
-        cells = [Text(one_line(score.output)), Text(rms), _number(score.percent, 2)]
+        known = math.isfinite(score.rms)
+        rms, unit = (f"{score.rms:.4g}", score.unit) if known else ("–", "")
+        cells = [Text(one_line(text)) for text in (score.output, rms, unit)]
+        cells.append(_number(score.percent, 2))
         r2 = [
             score.r2,
             score.moving.r2,

@@ -1,6 +1,7 @@
 """Names that other rooms may use, and where each is defined."""
 
 from echelon.identification.cluster import connect as connect
+from echelon.identification.estimators.estimate import CLEAR as CLEAR
 from echelon.identification.estimators.estimate import Estimate as Estimate
 from echelon.identification.fit_findings import limited as limited
 from echelon.identification.identifying import identify as identify
@@ -53,3 +54,4 @@ from echelon.identification.setup.skeleton import skeleton as skeleton
 from echelon.identification.surveying import FirstLook as FirstLook
 from echelon.identification.surveying import first_look as first_look
 from echelon.identification.surveying import survey as survey
+from echelon.identification.verdict import verdict_parts as verdict_parts

@@ -119,21 +119,24 @@ def _of_physics(
     feasible: Feasibility | None, physical: PhysicalFit | None, estimate: Estimate
 ) -> Iterable[Finding]:
     if feasible is not None and feasible.feasible is False:
-        away = f"{feasible.distance:.2g} standard deviations away"
-        text = f"no physical robot has the estimated base parameters; the nearest one is {away}"
-        if feasible.distance <= CLEAR:
-            yield note("feasibility", "", f"{text}, as noise does")
+        away = f"{feasible.distance:.2g} standard deviations"
+        if feasible.is_beyond(CLEAR):
+            wrong = "check columns, signs and units; " * feasible.is_beyond(IMPOSSIBLE)
+            text = (
+                f"the estimate is unphysical: the nearest physical robot is {away} away; {wrong}a model term may be "
+                "missing"
+            )
+            yield warning("feasibility", "", text)
         else:
-            wrong = "columns are exchanged, or their signs or units wrong, or " * (
-                feasible.distance > IMPOSSIBLE
-            )
-            yield warning(
-                "feasibility", "", f"{text}: {wrong}the model lacks something"
-            )
+            text = f"the estimate is slightly unphysical ({away}), as expected from noise"
+            yield note("feasibility", "", text)
     rows = max(sum(estimate.rows), 1)
     if physical is not None and physical.misfit > OVERFIT * max(
         physical.unconstrained_misfit, rows
     ):
         more = (physical.misfit - physical.unconstrained_misfit) / rows
-        text = f"physical consistency raises the squares by {more:.2g} noise variances per row: is the model complete?"
+        text = (
+            f"the physical fit is noticeably worse than least squares (by {more:.2g} noise variances per row); a model "
+            "term may be missing"
+        )
         yield warning("physics", "", text)

@@ -6,6 +6,7 @@ the same words.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -122,6 +123,17 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
         " ".join(sentences),
         (*([f"on {_data(judged)}, {', '.join(low)}"] if low else []), *facts),
     )
+
+
+def verdict_parts(
+    verdict: str, reasons: Sequence[str]
+) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """First sentence of a verdict without the reasons in it, the reasons, and the other sentences."""
+    for reason in reasons:
+        verdict = verdict.replace(f": {reason}", "").replace(f"; {reason}", "")
+    sentence, *others = re.split(r"(?<=\.) (?=[A-Z])", verdict)
+    apart = tuple(reason for reason in reasons if reason not in sentence)
+    return sentence, apart, tuple(others)
 
 
 _WORDS = {

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from echelon.identification import (
+    CLEAR,
     Feasibility,
     Finding,
     Identification,
@@ -19,6 +20,7 @@ from echelon.identification import (
     Preparation,
     Score,
     Severity,
+    verdict_parts,
 )
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
@@ -143,9 +145,13 @@ def findings_of(findings: tuple[Finding, ...]) -> Context:
 
 def _header(run: Identification) -> Context:
     mechanism = run.base.mechanism
+    sentence, reasons, remarks = verdict_parts(run.verdict, run.reasons)
     return {
         "robot": mechanism.name,
-        "verdict": run.verdict,
+        "verdict": sentence,
+        "remarks": remarks,
+        "reasons": reasons,
+        "usable": not run.reasons,
         "logs": run.logs,
         "validated": [v.source for v in run.validations if v.role == "validation"],
         **findings_of(run.findings),
@@ -446,6 +452,7 @@ def physics(run: Identification) -> Context:
     least = 0.0 if fit is None else fit.unconstrained_misfit
     return {
         "feasibility": feasibility,
+        "is_noise": feasibility is not None and not feasibility.is_beyond(CLEAR),
         "physical": fit,
         "moved": [] if feasibility is None else _moved(run, feasibility),
         "bodies": [] if fit is None else _bodies(run.base.mechanism, fit),

@@ -168,6 +168,8 @@ def compare_row(
             coefficient_words(row.get(c, _ZERO)),
             coefficient_words(expected.get(c, _ZERO)),
             _gap(c, row, expected, geometry),
+            _value(row.get(c, _ZERO), geometry),
+            _value(expected.get(c, _ZERO), geometry),
         )
         for c in differing
     )
@@ -195,6 +197,11 @@ def _gap(column: int, row: Row, expected: Row, geometry: RobotNumbers) -> float 
         geometry.roughly(terms.get(column, _ZERO)) for terms in (row, expected)
     )
     return None if left is None or right is None else left - right
+
+
+def _value(coefficient: RationalFunction, geometry: RobotNumbers) -> float | None:
+    """Value of a formula at the robot's geometry; None for a number, and where symbols have no value."""
+    return geometry.roughly(coefficient) if coefficient.symbols() else None
 
 
 def _rounding(

@@ -53,13 +53,22 @@ class TermDifference:
     difference: (
         float | None
     )  # claimed minus expected at the robot's geometry, if that is known
+    # values of coefficients that are formulas at the robot's geometry, if that is known
+    claimed_value: float | None = None
+    expected_value: float | None = None
 
     def __str__(self) -> str:
+        claimed = _with_value(self.claimed, self.claimed_value)
+        expected = _with_value(self.expected, self.expected_value)
         if self.expected == "0":
-            return f"the term {self.claimed}·{self.parameter} does not belong here"
+            return f"the term {self.claimed}·{self.parameter} does not belong here: {claimed} instead of 0"
         if self.claimed == "0":
-            return f"the term {self.expected}·{self.parameter} is missing"
-        return f"{self.parameter} has the coefficient {self.claimed} instead of {self.expected}"
+            return f"the term {self.expected}·{self.parameter} is missing: 0 instead of {expected}"
+        return f"{self.parameter} has the coefficient {claimed} instead of {expected}"
+
+
+def _with_value(formula: str, value: float | None) -> str:
+    return formula if value is None else f"{formula} = {value:.6g}"
 
 
 @dataclass(frozen=True)

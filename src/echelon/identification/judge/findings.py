@@ -39,7 +39,7 @@ def finding(judged: Judged, *, lists_effects: bool, taken: bool = False) -> Find
     if judged.kind in (Kind.READING, Kind.UNIT):
         (before,), (after,) = judged.before, judged.after
         shares = f"from {before:.2%} to {after:.2%} of their spread"
-        gain = f"; with this one change what is left of the outputs falls {shares}"
+        gain = f"; this change alone reduces the residuals of the outputs {shares}"
         text = judged.words + gain * (before < 1)
         return (note if taken else warning)(
             "gravity" if judged.gravity is not None else name, "", text + _taken(taken)
@@ -47,7 +47,7 @@ def finding(judged: Judged, *, lists_effects: bool, taken: bool = False) -> Find
     rises = ", ".join(
         f"{b:.4f} to {a:.4f}" for b, a in zip(judged.before, judged.after, strict=True)
     )
-    text = f"{judged.words}: with this R² on held-out rows rises ({rises})"
+    text = f"{judged.words}: with this change R² on held-out rows rises ({rises})"
     if judged.kind is Kind.GAIN:
         text += (
             f".  Is it a current, or in another unit?  State  {judged.write},  or map currents under 'input' and add "
@@ -59,7 +59,7 @@ def finding(judged: Judged, *, lists_effects: bool, taken: bool = False) -> Find
 
 
 def _taken(taken: bool) -> str:
-    return "; it was taken in" if taken else ""
+    return "; it is part of the model now" if taken else ""
 
 
 def _of_effect(judged: Judged, *, lists_effects: bool, taken: bool) -> Finding:
@@ -94,4 +94,4 @@ def contradiction(judged: Judged) -> str:
         judged.kind is not Kind.UNIT and judged.gain.mean < _CONTRADICTS
     ):
         return ""
-    return f"it would be explained if {judged.words}"
+    return f"a likely cause: {judged.words}"

@@ -190,7 +190,7 @@ def feasibility(
     with suppress(EchelonError):  # where the solver gives up, the distance decides
         lift = physical_lift(base, target)
         if lift is not None:
-            text = f"a robot has these base parameters: {len(role.bodies)} pseudo-inertias{signs} were verified"
+            text = f"a physical robot has these base parameters: {len(role.bodies)} pseudo-inertias{signs} were verified"
             return Feasibility(True, text, standard=lift)
     standard, distance = nearest_physical(base, target, covariance)
     away = f"{distance:.2g} {'of their size' if covariance is None else 'standard deviations'}"
@@ -198,11 +198,11 @@ def feasibility(
     if distance > DISTINCT:
         return Feasibility(
             False,
-            f"the nearest robot is {away} away",
+            f"the nearest physical robot is {away} away",
             nearest=nearest,
             distance=distance,
         )
-    text = f"these base parameters are on the boundary of what robots can have, to within {away}"
+    text = f"these base parameters are on the boundary of physical robots, to within {away}"
     return Feasibility(None, text, nearest=nearest, distance=distance)
 
 
