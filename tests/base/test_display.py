@@ -248,7 +248,7 @@ REMARKS = {
     "would give 9 instead of 6, because of joint 'b' roll: 1.57 read as 90°": ReadingReport(
         (FINE, COARSE), (), 9, (COARSE,)
     ),
-    "2 numbers, largest change 0.0008": ReadingReport((FINE, COARSE), (), 6),
+    "2 taken as exact, largest change 0.0008": ReadingReport((FINE, COARSE), (), 6),
     "note: something to know": ReadingReport((), ("something to know",)),
 }
 

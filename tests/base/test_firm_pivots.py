@@ -57,7 +57,7 @@ def test_numbers_that_nearly_vanish_are_no_representatives(
     assert base.largest_coefficient is not None
     assert base.largest_coefficient < 1e3
     assert base.largest_coefficient == np.abs(base.B_float()).max()
-    assert any("hardly show beside others" in note for note in base.reading.notes)
+    assert any("have a weak effect" in note for note in base.reading.notes)
     model = pin.buildModelFromXML(ARMS[name])
     data, rng = model.createData(), np.random.default_rng(1)
     for _ in range(3):

@@ -53,7 +53,7 @@ def test_locked_joints_are_named_with_the_result_and_drives_that_are_locked_doub
     assert note.endswith("'knee', 'motor', 'rod'")
     assert "'motor'" in base.reading.doubt
     with pytest.warns(
-        ec.DoubtWarning, match="the loops hold what drives are to move: 'motor'"
+        ec.DoubtWarning, match="the loops lock joints that have drives: 'motor'"
     ):
         ec.base_structure(ec.load(LEG))
 

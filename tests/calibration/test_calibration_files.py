@@ -282,6 +282,6 @@ def test_nothing_is_written_without_a_log(tmp_path: Path) -> None:
 def test_many_outliers_are_doubted() -> None:
     log = pose_log(ec.load(URDF))
     log["x"][:12] += np.linspace(0.05, 0.2, 12)
-    with pytest.warns(ec.DoubtWarning, match="too many to be outliers"):
+    with pytest.warns(ec.DoubtWarning, match="too many for outliers"):
         found = ec.calibrate(URDF, log, measure=[{"pose": "three"}])
     assert any("all are kept" in doubt for doubt in found.doubts)

@@ -175,7 +175,7 @@ def test_frames_that_no_table_has_are_refused() -> None:
 
 
 def test_masses_that_nobody_states_bend_nothing() -> None:
-    with pytest.raises(ec.InputError, match="its mass is not stated"):
+    with pytest.raises(ec.InputError, match="its mass is unknown"):
         ec.calibration_base("examples/panda.yaml", errors=("frames", "stiffness"))
 
 

@@ -201,7 +201,7 @@ def test_rounded_angles_of_a_file_explain_small_differences() -> None:
     assert all(
         abs(d.difference or 0) < 1e-5 for f in intended.findings for d in f.differences
     )
-    assert "rounded angles were read as exact" in intended.notes[0]
+    assert "took rounded angles of the robot file as exact" in intended.notes[0]
     assert (
         ec.audit(ec.load(file, snap_tolerance=0), claims).verdict
         is ec.Verdict.EQUAL_TO_PRINTED_DIGITS

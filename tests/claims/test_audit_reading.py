@@ -114,7 +114,7 @@ def test_files(tmp_path: Path) -> None:
         ),
         (
             "XX9",
-            r"'XX9' is neither a standard parameter in the naming of echelon nor a symbol of the robot \(nearest: XX",
+            r"'XX9' is neither a standard parameter in the naming echelon nor a symbol of the robot \(nearest: XX",
         ),
         ("ZZ1 + L*M2", "'L' is neither a standard parameter"),
         (

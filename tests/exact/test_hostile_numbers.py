@@ -217,7 +217,7 @@ def test_sampled_trajectories_that_no_robot_follows(
     )
     with pytest.raises(
         InputError,
-        match=r"run\.csv: .*(a finite number up to|must rise|beyond what a robot can do)",
+        match=r"run\.csv: .*(a finite number up to|must rise|no robot reaches that)",
     ):
         read_trajectory(tmp_path / "run.csv", NAMES, UNITS)
 

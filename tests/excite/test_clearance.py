@@ -76,7 +76,7 @@ def test_touching_pairs_are_left_out_on_request() -> None:
     found = allowed.clearance
     assert len(found.pairs) == 0
     assert allowed.unchecked == (
-        "'s1' and 's3' are not checked: they are too near where motions start",
+        "'s1' and 's3' are not checked: they are too close at the start of motions",
     )
     assert found.values(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))).shape == (
         2,

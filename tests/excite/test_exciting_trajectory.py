@@ -344,9 +344,7 @@ def test_nothing_is_unlimited_unless_it_is_said() -> None:
     for kind, value in {
         "position": "−π to π", "velocity": "1 rad/s", "acceleration": "10 rad/s²", "jerk": "200 rad/s³",
     }.items():  # fmt: skip
-        assert (
-            f"no {kind} limits are stated, so these are taken: j1, j2 {value}" in text
-        )
+        assert f"no {kind} limits are stated; these are used: j1, j2 {value}" in text
     assert "no limits of torques or forces" in text
     assert "collisions are not checked" in text
 
@@ -490,7 +488,7 @@ def test_a_missing_mesh_matters_only_where_collisions_are_asked_for(
 ) -> None:
     (tmp_path / "m.urdf").write_text(MESH)
     text = refusal(tmp_path / "m.urdf", collisions={})
-    assert "collision of link 'a': mesh 'gone.stl' is not found" in text
+    assert "collision of link 'a': mesh 'gone.stl' not found" in text
     assert design(tmp_path / "m.urdf", iterations=20).safe
     shapes = {"shapes": [{"body": "a", "sphere": 0.1}]}
     found = design(tmp_path / "m.urdf", iterations=20, collisions=shapes)

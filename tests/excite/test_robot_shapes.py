@@ -191,7 +191,7 @@ def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
     mechanism = ec.load(file)
     with pytest.raises(
         InputError,
-        match=r"link 'l0'.*parts/away\.stl' is not found.*set-up can stand in",
+        match=r"link 'l0'.*parts/away\.stl' not found.*add a shape under collisions",
     ):
         read_geometry(mechanism, open_robot(file))
     geometry = read_geometry(mechanism, open_robot(file), tolerant=True)
@@ -280,7 +280,7 @@ def test_entries() -> None:
             "must not be zero",
         ),
         ({"body": "link1", "plane": [0, 0, 1]}, "only belong to the world"),
-        ({"body": "link1", "mesh": "none.stl"}, "is not found"),
+        ({"body": "link1", "mesh": "none.stl"}, "not found"),
         ("link1", "expected a mapping"),
     ],
 )

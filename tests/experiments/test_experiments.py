@@ -205,4 +205,4 @@ def test_names_that_occur_twice_are_refused(panda: ec.Mechanism) -> None:
 def test_one_experiment_does_not_claim_the_proof_of_all() -> None:
     base = ec.base_parameters(ec.load(EXAMPLES / "experiments/panda_mounted.yaml"))
     table = base.experiment("table")
-    assert "that of all experiments" in str(table.certificate)
+    assert "belongs to all experiments" in str(table.certificate)

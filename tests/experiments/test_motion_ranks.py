@@ -62,5 +62,5 @@ def test_what_is_no_series_is_refused() -> None:
 
 def test_dry_friction_is_refused() -> None:
     text = "{echelon: 1, modified_dh: [{joint: revolute}], effects: [{type: coulomb, at: j1}]}"
-    with pytest.raises(ec.InputError, match="leave effects with signs out"):
+    with pytest.raises(ec.InputError, match="leave out effects with signs"):
         ec.motion_ranks(text)

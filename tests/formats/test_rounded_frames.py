@@ -382,7 +382,7 @@ def test_loops_that_rounding_has_locked_move_as_they_are_meant() -> None:
     """A Bennett linkage on two joints: four decimals lock it, and tell no number of base parameters."""
     mechanism = ec.load(BENNETT)
     assert mechanism.degrees_of_freedom == 3
-    with pytest.warns(ec.DoubtWarning, match="decimals do not tell"):
+    with pytest.warns(ec.DoubtWarning, match="decimals do not decide"):
         ec.base_structure(mechanism)
 
 
@@ -560,7 +560,7 @@ def test_a_rank_that_fades_below_rounding_raises_a_doubt() -> None:
     """Shafts at equal angles to the one between them have 12 base parameters."""
     with pytest.raises(
         ec.DoubtWarning,
-        match=r"12.* base parameters: the file's last decimals do not tell",
+        match=r"12.* base parameters: the file's last decimals do not decide",
     ):
         found(BENT_SHAFTS)
 

@@ -117,7 +117,7 @@ def test_a_limit_without_a_range_is_noted(tmp_path: Path) -> None:
     (note,) = limits_of(tmp_path, urdf("<limit effort='1' velocity='2'/>"))["j2"].notes
     assert (
         note
-        == "joint 'j2': it states neither lower nor upper, and counts as free rather than as stuck at 0"
+        == "joint 'j2': it states neither lower nor upper, and counts as free, not as locked at 0"
     )
 
 

@@ -210,7 +210,7 @@ REFUSED = {
     ),
     "nothing says how": (
         "",
-        "joint 'j2': the file says that it depends on others .* no loop or coupling says how",
+        "joint 'j2': the file states that it depends on others .* no loop or coupling for it",
     ),
     "no truth": (
         LOOP.replace("<loop", "<joint name='j1' independent='perhaps'/><loop"),
@@ -245,7 +245,7 @@ def test_loops_that_are_not_read_are_refused_with_what_to_write(case: str) -> No
 def test_statements_of_independence_are_checked() -> None:
     with pytest.raises(
         InputError,
-        match=r"joint 'j2': .* it is independent, but it follows from others",
+        match=r"joint 'j2': .* it is independent, but loops determine it from others",
     ):
         ec.load(four_bar(LOOP).replace("independent='false'", "independent='true'"))
     with pytest.raises(

@@ -81,7 +81,7 @@ def test_geometry_that_was_read_as_exact_stays_as_written_and_is_mentioned() -> 
     again = reread(written, ReadingOptions())
     assert geometry(again) == geometry(mechanism)
     assert_near(standard(again), values, 1e-14)
-    assert any("read as exact" in note for note in written.notes)
+    assert any("took them as exact" in note for note in written.notes)
 
 
 def test_kept_fixed_links_have_their_own_inertial() -> None:

@@ -323,7 +323,7 @@ def test_dead_zones_of_speed_in_a_loop() -> None:
     """Closed states are drawn at all speeds; that they reach all regions of signs is a claim that nothing checks."""
     path = ROOT / "examples" / "loops" / "four_bar.yaml"
     data = yaml.safe_load(path.read_text())
-    doubt = "regions of signs that random closed states do not reach"
+    doubt = "regions of signs that random closed states miss"
 
     def derived(**terms: str) -> ec.BaseModel:
         data["effects"] = [acting(name, crank=term) for name, term in terms.items()]

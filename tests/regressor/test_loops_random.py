@@ -23,7 +23,7 @@ SAID = (
         "can move infinitesimally, but not really|not proved to close",
     )
     | dict.fromkeys((74, 150), "leave no motion")
-    | {41: "last decimals do not tell"}
+    | {41: "last decimals do not decide"}
     | dict.fromkeys(
         (32, 52), "the assembly pose is singular, .* state a pose away from it"
     )
@@ -50,14 +50,14 @@ SAID = (
             139,
             149,
         ),
-        "hold nothing that can move: leave them out",
+        "constrain no joint: leave them out",
     )
 )
 """What is said of linkages that are locked, move in more ways at zero than near it, or have loops that hold nothing."""
 SAID_OF_ROUNDED = (
     SAID
-    | {18: "0 coordinates are independent", 55: "last decimals do not tell"}
-    | dict.fromkeys((113, 146), "hold nothing that can move: leave them out")
+    | {18: "0 coordinates are independent", 55: "last decimals do not decide"}
+    | dict.fromkeys((113, 146), "constrain no joint: leave them out")
 )
 """With six digits the first of these seems locked, and the second to show more."""
 

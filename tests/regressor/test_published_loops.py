@@ -76,7 +76,7 @@ def test_sets_of_models_that_are_open_at_zero(model: Published) -> None:
     assert base.certificate.in_balls
     held = model.name == "kangaroo_like"
     assert base.reading.doubt.startswith(
-        "the loops hold what drives are to move: 'motor_knee'" if held else ""
+        "the loops lock joints that have drives: 'motor_knee'" if held else ""
     )
     assert held or not base.reading.doubt
 

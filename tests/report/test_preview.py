@@ -162,7 +162,7 @@ def test_broken_limits_come_before_all_else() -> None:
     order = [
         "Do not run this",
         "✗ broken torque of j1",
-        "there are no limits of torques",
+        "no limits of torques",
         "has no jerk limit",
     ]
     places = [words.index(text) for text in order]

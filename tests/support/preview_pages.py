@@ -33,7 +33,7 @@ FINDINGS = (
         "arm.yaml",
         "'j1' has no jerk limit: takes 400 rad/s³",
     ),
-    Finding(Severity.WARNING, "effort", "arm.yaml", "there are no limits of torques"),
+    Finding(Severity.WARNING, "effort", "arm.yaml", "no limits of torques"),
 )
 
 

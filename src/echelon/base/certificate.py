@@ -308,11 +308,9 @@ class _Checks:
                     f"other signs of what depends on {names}, which decide about regions"
                 )
         elif signs:
-            note = "signs as they are at random states of all speeds"
+            note = "signs at random states of all speeds"
             if not has_plain_signs(self.regressor, self.rng):
-                self.unchecked.append(
-                    "regions of signs that random closed states do not reach"
-                )
+                self.unchecked.append("regions of signs that random closed states miss")
         return Certificate(
             matrix.rank,
             seed,
@@ -346,7 +344,7 @@ class _Checks:
         assert numbers is not None
         if stated is None:
             raise CertificateError(
-                "columns of numbers hold at stated values only, and there is no model with them"
+                "columns of numbers hold at stated values only, and the model is missing"
             )
         if not self._exactly(stated, numbers):
             check_spanned(stated.forms, self.matrix, self.numbers, self.rng)
@@ -391,8 +389,8 @@ class _Checks:
             check_in_balls(self.regressor, self.matrix, (), stated.texts, self.rng)
         except CertificateError as error:
             raise CertificateError(
-                f"{error}.  Sums of angles that are fractions of π other than multiples of 15° are not read from their "
-                "values: write the one in terms of the other, such as  alpha: pi - beta"
+                f"{error}.  Echelon does not detect sums of angles from values other than multiples of 15°: write "
+                "one angle in terms of the other, such as  alpha: pi - beta"
             ) from None
 
     def _minor_in_balls(self, stated: AtStatedValues, reason: str) -> None:
@@ -429,7 +427,7 @@ class _Checks:
             return
         if self.numbers and not everywhere:
             raise CertificateError(
-                "columns of numbers hold at stated values only, and not all symbols have one"
+                "columns of numbers hold at stated values only, and some symbols have none"
             )
         if self._holds_for_free_functions(others - self.numbers):
             others = self.numbers

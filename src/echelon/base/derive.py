@@ -408,7 +408,7 @@ def specialised(
     ):  # loops such as Bennett's, whose lengths cannot be chosen freely
         if generic:
             raise InputError(
-                "the loops close at the stated values of their lengths only: leave generic out"
+                "the loops close only at the stated lengths: leave generic out"
             ) from None
         return SpecialisedMechanism(
             mechanism, replace(stated_structure(mechanism, rng), ways=ways)
@@ -460,8 +460,8 @@ def _is_general(
 
 
 _FRACTIONS_OF_PI = (
-    "for general angles: sums of fractions of π make fewer at the stated values, which are not read from these; write "
-    "one angle in terms of the other, such as  alpha: pi - beta"
+    "for general angles; at the stated values sums of angles leave fewer, and Echelon does not detect such sums: "
+    "write one angle in terms of the other, such as  alpha: pi - beta"
 )
 
 

@@ -206,7 +206,7 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
         if s in model.mechanism.symbols
     ]
     numbers, reading = model.matrix.numbers, model.reading
-    rounding = "coefficients below 1e-11, from rounding where loops close"
+    rounding = "coefficients below 1e-11, from rounding of loop closures"
     return [
         (
             "symbols",
@@ -216,7 +216,7 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
         ("numbers", numbers_text(model, numbers) if numbers else ""),
         ("largest coefficient", _size_text(model)),
         ("not shown", f"{model.hidden} {rounding}" if model.hidden else ""),
-        ("read as exact", snap_summary(model) if reading.snaps else ""),
+        ("rounded numbers", snap_summary(model) if reading.snaps else ""),
         ("mimic joints", str(reading.mimics or "")),
         ("assembly pose", str(reading.assembled or "")),
         *(("note", note) for note in reading.notes),
@@ -278,7 +278,7 @@ def snap_summary(model: _RobotSet) -> str:
     """The numbers that were read as exact ones, and whether that changed the rank."""
     reading = model.reading
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
-    text = f"{len(reading.snaps)} numbers, largest change {max(s.difference for s in reading.snaps):.2g}"
+    text = f"{len(reading.snaps)} taken as exact, largest change {max(s.difference for s in reading.snaps):.2g}"
     if reading.literal_rank is None or not coarse:
         return f"{text} (rounding only)"
     if reading.literal_rank == model.rank:

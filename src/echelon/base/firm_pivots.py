@@ -76,7 +76,7 @@ def exchange_note(
     )
     before, now = (_scaled(one, mechanism) for one in (classical, matrix))
     return (
-        f"representatives are {taken} in place of {left}, which hardly show beside others: coefficients would reach "
+        f"representatives are {taken} in place of {left}, which have a weak effect: coefficients would reach "
         f"{before:.0e}, and now reach {now:.2g}"
     )
 
@@ -92,7 +92,7 @@ def doubt_of_coefficients(
     if largest < MODERATE_COEFFICIENT:
         return ""
     if largest >= LARGEST_COEFFICIENT:
-        return f"coefficients of B reach {largest:.0e}, so that X̄ B loses as much of the precision of doubles"
+        return f"coefficients of B reach {largest:.0e}, so X̄ B loses that factor of double precision"
     if forms.loops is not None:
         return ""
     error = reconstruction_error(

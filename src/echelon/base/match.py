@@ -375,7 +375,7 @@ def _paired(first: Mechanism, second: Mechanism) -> Iterator[tuple[int, int]]:
             )
             raise InputError(
                 f"'{name}' carries {len(ours)} moving bodies, its counterpart '{other}' {len(theirs)}: "
-                "the descriptions do not have the same joints"
+                "the descriptions have different joints"
             )
         names = {second.bodies[k].joint.name: k for k in theirs}
         if all(first.bodies[k].joint.name in names for k in ours):

@@ -175,7 +175,7 @@ class BaseModel(BaseSet, Evaluation):
     certificate : Certificate
         Evidence that the set is complete and minimal.
     reading : ReadingReport
-        What was snapped when the file was read, and whether it mattered.
+        Rounded numbers taken as exact, and whether they mattered.
     seed : int
         Seed of all random points.
     special : SpecialValues, optional
@@ -232,7 +232,7 @@ class BaseModel(BaseSet, Evaluation):
 
     @property
     def hidden(self) -> int:
-        """Number of coefficients below 1e-11, from rounding where loops close, that no expression shows."""
+        """Number of coefficients below 1e-11, from rounding of loop closures, that no expression shows."""
         return sum(
             self._is_rounding(c) for row in self.matrix.rows for c in row.values()
         )
@@ -266,7 +266,7 @@ class BaseModel(BaseSet, Evaluation):
         (('j1', 'j2'), 45)
         """
         own = experiment_of(self.mechanism, name)
-        of_all = "whether this experiment alone shows all: the set is that of all experiments"
+        of_all = "this experiment alone may not show all: the set belongs to all experiments together"
         certificate = replace(
             self.certificate, unchecked=(*self.certificate.unchecked, of_all)
         )
@@ -396,7 +396,7 @@ class BaseModel(BaseSet, Evaluation):
         if silent:
             shown = ", ".join(f"'{name}'" for name in silent[:6])
             raise InputError(
-                f"the file states no values for {len(silent)} bodies or parameters ({shown}); give them as standard="
+                f"the file has no values for {len(silent)} bodies or parameters ({shown}); give them as standard="
             )
         return np.array(stated, dtype=float)
 

@@ -76,8 +76,8 @@ def motion_ranks(
     every = powers_along(robot, Program(), {})
     if every.has_signs:
         raise InputError(
-            "it depends on the coefficients how often a series changes its sign, as dry friction does with the velocity: "
-            "leave effects with signs out"
+            "the number of sign changes of a series depends on its coefficients: leave out effects with signs, "
+            "such as dry friction"
         )
     whole = linear_structure(every, rng).rank
     found = list[int]()

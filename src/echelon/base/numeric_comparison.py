@@ -70,7 +70,7 @@ class NumericComparison:
         if not 0 < rank < len(found.singular):
             return "rounding errors count as parameters"
         kept, dropped = found.singular[rank - 1], found.singular[rank]
-        return f"the tolerance must lie between {dropped:.1e} and {kept:.1e}, which is not known in advance"
+        return f"the tolerance must lie between {dropped:.1e} and {kept:.1e}, which nobody knows in advance"
 
 
 @public

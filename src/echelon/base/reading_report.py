@@ -149,14 +149,14 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     held = [c.name for c in mechanism.contacts if c.kind.held_axes]
     if held:
         notes.append(
-            f"the ground under {in_quotes(held)} may have any slope; on level ground alone fewer may show"
+            f"the ground under {in_quotes(held)} may have any slope; level ground alone may show fewer"
         )
     if locked := joints_locked_by_loops(mechanism):
         notes.append(
             f"cannot move, because of {shown_loops(mechanism, locked[0])}: {in_quotes(locked)}"
         )
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
-    what = "the loops leave part of a free rotation undetermined, such as the spin of a rod between two ball joints"
+    what = "the loops leave part of a free rotation open, such as the spin of a rod between two ball joints"
     return [*notes, *([f"{what}: {split} is independent"] if split else [])]
 
 
@@ -186,8 +186,8 @@ def _locked_drives(mechanism: Mechanism) -> str:
     if not locked:
         return ""
     return (
-        f"the loops hold what drives are to move: {in_quotes(locked)}.  If that is not meant, give a "
-        "closure a kind that holds less, such as  joint: spherical  (in MJCF connect instead of weld)"
+        f"the loops lock joints that have drives: {in_quotes(locked)}.  To let them move, give a closure a kind "
+        "that holds less, such as  joint: spherical  (in MJCF connect instead of weld)"
     )
 
 
@@ -248,7 +248,7 @@ def _doubt(
         f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True)
     )
     expected = literal if columns is None else high
-    return f"the file's numbers in floating point do not confirm {expected}{where}: rank {ranks}"
+    return f"floating point with the file's numbers does not confirm {expected}{where}: rank {ranks}"
 
 
 def _neighbours(count: int) -> range:

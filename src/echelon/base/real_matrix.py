@@ -58,8 +58,8 @@ def in_numbers(
     if independent.error:
         if independent.error > LARGEST_ERROR:
             raise InputError(
-                f"{len(independent.pivots)} base parameters are meant, but the file's last decimals leave their "
-                "coefficients open: state the geometry with more digits, or ask for the rank only"
+                f"the intended set has {len(independent.pivots)} base parameters, but the file's last decimals "
+                "leave their coefficients open: state the geometry with more digits, or ask for the rank only"
             )
         found = independent.without_faint(len(independent.pivots), order)
         order = found.order_of(order)

@@ -129,7 +129,7 @@ class RealStates:
             if found is not None:
                 return found
         raise SingularPoseError(
-            f"{_BITS[-1]} bits do not tell what {self.states.subject} leave independent"
+            f"{_BITS[-1]} bits do not decide what {self.states.subject} leave independent"
         )
 
     def sizes(self, like: RealStates, rows: int, bits: int) -> list[float]:
@@ -264,7 +264,7 @@ class RealStates:
             poses *= (
                 4 if self.states.regions > 1 else 1
             )  # some sources may show in few regions of signs
-        raise ClosedFormError("coefficients are no short exact numbers")
+        raise ClosedFormError("coefficients are not short exact numbers")
 
     def _solved(self, table: Balls, sources: int, bits: int) -> list[Number] | None:
         """Exact coefficients by a table; None if the precision does not tell."""

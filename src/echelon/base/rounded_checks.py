@@ -67,8 +67,8 @@ def check_to_rounding(
     if wrong.size:
         name = matrix.parameters[int(left.argmax())]
         raise CertificateError(
-            f"the set is incomplete or wrong: it leaves {left.max():.0e} of the effect of {name}, where the last "
-            f"decimals of the file explain {allowed:.0e}"
+            f"the set is incomplete or wrong: it misses {left.max():.0e} of the effect of {name}, and the last "
+            f"decimals of the file explain only {allowed:.0e}"
         )
     return BallEvidence(len(rows), log10(max(float(left.max()), np.finfo(float).tiny)))
 

@@ -376,7 +376,7 @@ def _compared_in_balls(
         ranks = [len(found.pivots) for found in both if found is not None]
         if len(ranks) < len(both):
             raise EchelonError(
-                f"{bits} bits do not tell whether the models see the same"
+                f"{bits} bits do not decide whether the models see the same"
             )
         names = (
             first.names

@@ -222,8 +222,8 @@ def _candidates(mechanism: Mechanism) -> dict[str, LinearForms]:
         return {name: _rows_of(mechanism, name) for name in mechanism.experiments}
     if mechanism.contacts:
         raise InputError(
-            "where unknown forces act, several sensors together see more than each of them does: derive with the outputs "
-            "of each choice instead, as experiments with other sensors",
+            "with unknown forces, several sensors together see more than the sum of each: derive each choice of "
+            "outputs instead, as experiments with other sensors",
             element=f"contact '{mechanism.contacts[0].name}'",
         )
     outputs = list(mechanism.outputs)
@@ -323,7 +323,7 @@ def _warn_of_rounding(mechanism: Mechanism, rng: np.random.Generator) -> None:
     told = "" if spectrum is None else spectrum.doubt or spectrum.note
     if told:
         warnings.warn(
-            f"ranks of sensors are to the letter of the file, which has {told}",
+            f"ranks of sensors belong to the literal file, which has {told}",
             DoubtWarning,
             stacklevel=4,
         )
@@ -362,7 +362,7 @@ def _listed(
             progress(f"subsets of {k} sensors")
             ranks |= {subset: spaces.rank(subset) for subset in combinations(names, k)}
     except ClosedFormError:
-        problem = f"{len(names)} sensors have {count} subsets of up to {size}, which take more work than the budget"
+        problem = f"{len(names)} sensors have {count} subsets of up to {size}, which exceeds the budget"
         raise InputError(
             f"{problem}: list smaller ones, or give a larger budget"
         ) from None

@@ -82,8 +82,8 @@ class RankSpectrum:
         if len(self.counts) <= MOST_NAMED:
             named = f"{', '.join(map(str, self.counts[:-1]))} or {self.counts[-1]}"
         return (
-            f"{named} base parameters: the file's last decimals do not tell, as what rounding may show "
-            f"({self._size(min(self.counts))} of what others do, and less) is as large as what is meant; state the "
+            f"{named} base parameters: the file's last decimals do not decide, since rounding may cause effects "
+            f"({self._size(min(self.counts))} of the others, and less) as large as the real ones; state the "
             "geometry with more digits, or exactly"
         )
 
@@ -93,8 +93,8 @@ class RankSpectrum:
         if self.intended == self.literal:
             return ""
         return (
-            f"{self.literal} base parameters to the letter, {self.intended} meant: the others show "
-            f"{self._size(self.intended)} of what others do, which the file's last decimals explain (a gap of "
+            f"{self.literal} base parameters in the literal reading, {self.intended} intended: the effect of the rest is "
+            f"{self._size(self.intended)} of the others', which the file's last decimals explain (a gap of "
             f"{self.fall:.0e})"
         )
 

@@ -109,8 +109,8 @@ class Structure:
         if self.ways:
             ranks = " and ".join(map(str, self.ways))
             return (
-                f"the assembly pose is singular, where ways of assembly may meet; near it {ranks} base parameters "
-                f"show, and {min(self.ways)} were taken: state a pose away from it"
+                f"the assembly pose is singular, and ways of assembly may meet there; near it {ranks} base "
+                f"parameters appear, and the answer is {min(self.ways)}: state a pose away from it"
             )
         return self.where_modes_meet or (self.spectrum.doubt if self.spectrum else "")
 
@@ -120,8 +120,8 @@ class Structure:
         if not self.singular:
             return ""
         return (
-            "the assembly pose is singular: more motions are possible there than near it, and ways of assembly may "
-            "meet; what shows near it was counted: state a pose away from it"
+            "the assembly pose is singular: it allows more motions than poses near it, and ways of assembly may "
+            "meet; the answer holds near it: state a pose away from it"
         )
 
 

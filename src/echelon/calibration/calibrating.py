@@ -145,7 +145,7 @@ class Calibration:
         """The robot's file with the calibrated geometry."""
         remarks = [
             "Geometry calibrated with Echelon.",
-            "Small angles are meant: Echelon reads them as they stand with --snap-tolerance 0.",
+            "Small angles are intended: read this file with --snap-tolerance 0.",
         ]
         beside = [
             name
@@ -295,7 +295,7 @@ def error_model(
         entries = setup.measure
     sights = sights_of(setup.mechanism, entries)
     if not errors:
-        raise InputError("no errors are looked for: name some, such as  frames")
+        raise InputError("no errors to find: name some, such as  frames")
     return ErrorModel(setup.mechanism, sights, frozenset(errors))
 
 
@@ -472,8 +472,8 @@ def _result(
     doubts = (
         *_doubts(scores),
         *(
-            f"measure '{model.sights[k].name}': more than {MOST_OUTLIERS:.0%} of its rows are far from what a robust fit "
-            "leaves of the others, too many to be outliers, and all are kept: look for a log of two set-ups"
+            f"measure '{model.sights[k].name}': more than {MOST_OUTLIERS:.0%} of its rows are far from a robust "
+            "fit of the others, too many for outliers, and all are kept: check for a log of two set-ups"
             for k in found.crowded
         ),
     )
@@ -511,14 +511,14 @@ def _doubts(scores: Sequence[CalibrationScore]) -> tuple[str, ...]:
         end = f"{_shown(score.before, score.unit)} before and {_shown(score.after, score.unit)} after"
         if large or unexplained:
             found.append(
-                f"measure '{score.name}': no small errors explain it, with {end} in held-out rows: look for degrees "
-                "read as rad, mm as m, Euler angles as a rotation vector, the inverse pose, and the order of columns "
-                "or joints"
+                f"measure '{score.name}': no small errors explain it, with {end} in held-out rows: check for "
+                "degrees read as rad, mm as m, Euler angles as a rotation vector, the inverse pose, and the order "
+                "of columns or joints"
             )
         elif worse:
             found.append(
-                f"measure '{score.name}': held-out rows are explained worse than by the nominal geometry, with {end}: "
-                "measure more poses"
+                f"measure '{score.name}': the calibration predicts held-out rows worse than the nominal geometry, "
+                f"with {end}: measure more poses"
             )
     return tuple(found)
 

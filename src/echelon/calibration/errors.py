@@ -200,7 +200,7 @@ class ErredRecorder(Recorder):
         mechanism, program = self.mechanism, self.program
         if mechanism.closures:
             raise InputError(
-                "compliances of mechanisms with loops are not modelled: leave out  stiffness"
+                "Echelon does not model compliances of mechanisms with loops: leave out  stiffness"
             )
         plain = Recorder(mechanism, program)
         start: Frame = (identity(program), self.zeros)
@@ -213,8 +213,8 @@ class ErredRecorder(Recorder):
                 continue
             if body.inertial is None:
                 raise InputError(
-                    "its mass is not stated, without which gravity bends no joint by a known amount: state inertial "
-                    "values, or leave out  stiffness",
+                    "its mass is unknown, so the load of gravity is unknown: state inertial values, or leave out  "
+                    "stiffness",
                     element=f"body '{body.name}'",
                 )
             mx, my, mz, mass = (

@@ -347,7 +347,7 @@ class GeometryFit:
         numbers = sum(int(used[:, c.sight].sum()) * c.per_row for c in self.channels)
         if numbers <= parameters and any(c.stated is None for c in self.channels):
             raise InputError(
-                f"{numbers} measured numbers do not tell {parameters} combinations of errors and their own noise: "
+                f"{numbers} measured numbers cannot determine {parameters} combinations of errors and the noise: "
                 "measure more poses, or state deviation"
             )
         lost = sqrt(numbers / max(numbers - parameters, 1))

@@ -140,7 +140,7 @@ def _measured(table: Table, sight: Sight, read: list[str]) -> Floats | None:
     if not sight.measured:
         if stated:
             raise InputError(
-                "nothing is read of it, since what it measures never changes: leave out  columns, or  length",
+                "its value never changes, so it needs no columns: leave out  columns, or  length",
                 element=f"measure '{sight.name}'",
             )
         return None
@@ -209,8 +209,8 @@ def _check_order(sight: Sight, stated: Sequence[str]) -> None:
         if None not in known and known != list(usual):
             shown = " ".join(usual)
             raise InputError(
-                f"columns are read in the order {shown}, and their names say {' '.join(map(str, known))}: list them "
-                f"in that order"
+                f"Echelon reads columns in the order {shown}, but their names mean {' '.join(map(str, known))}: "
+                "list them in that order"
             )
 
 

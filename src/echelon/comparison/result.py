@@ -165,9 +165,9 @@ class Comparison:
     def heading(self) -> list[str]:
         """Verdict, pairs, geometry, base parameters, and differences that nobody sees, a line each."""
         seen = {
-            Equality.EQUAL: "equal up to what the outputs see",
+            Equality.EQUAL: "equal in all outputs",
             Equality.DIFFERENT: "different",
-            Equality.UNDECIDED: "no difference was met, but the bounds do not exclude one",
+            Equality.UNDECIDED: "no difference found, but the bounds do not exclude one",
         }[self.verdict]
         renamed = [f"{one} = {other}" for one, other in self.matched if one != other]
         lines = [f"{self.first} and {self.second}: {seen}"]
@@ -183,7 +183,7 @@ class Comparison:
         lines.append(f"base parameters: {len(self.base)} of {self.rank} differ")
         lines += _shown("  visible", map(_described, self.base))
         for bodies in self.cancelled:
-            lines.append(f"  invisible: all that differs of {' and '.join(bodies)}")
+            lines.append(f"  invisible: all differences of {' and '.join(bodies)}")
         cancelled = {body for bodies in self.cancelled for body in bodies}
         alone = (p for p in self.invisible if p.body not in cancelled)
         lines += _shown("  invisible", map(_stated, alone))

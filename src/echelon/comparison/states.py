@@ -30,7 +30,7 @@ def states_of(
     notes = []
     if unlike := [n for n in stated if n in others and stated[n] != others[n]]:
         notes.append(
-            f"the files state other limits of {listed(unlike)}: those of {one.name} count"
+            f"the files have different limits of {listed(unlike)}: those of {one.name} count"
         )
     entry = ExcitationEntry.model_construct()
     file = file_of(one)
@@ -63,9 +63,7 @@ def states_of(
         for kind, rate in zip(("qd", "qdd"), rates, strict=True):
             ranges[f"{kind}[{name}]"] = -rate.get(name, inf), rate.get(name, inf)
     if turning:
-        notes.append(
-            f"no limits end the turning of {listed(turning)}: compared over one turn"
-        )
+        notes.append(f"{listed(turning)} can turn without end: compared over one turn")
     endless = [name for name, (low, high) in ranges.items() if not isfinite(high - low)]
     if endless:
         raise InputError(

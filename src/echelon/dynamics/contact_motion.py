@@ -80,7 +80,7 @@ class ContactMotion:
         solved = _Solved.of(self.program, slips, _rare_first(slips))
         if len(solved.pivots) == len(names):
             raise InputError(
-                f"unknown forces at {self._names} act on all outputs, so that nothing can be seen: measure more",
+                f"unknown forces at {self._names} hide all outputs: measure more",
                 element="contacts",
             )
         found = solved.values(names, "u")

@@ -378,8 +378,8 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
         )
     if mechanism.contacts and name not in WITH_CONTACTS:
         raise InputError(
-            f"{name} needs all that moves, and base parameters of a robot with contacts are what unknown forces there "
-            f"leave to be seen: ask for {' and '.join(WITH_CONTACTS)}, or leave the contacts out",
+            f"{name} needs all that moves, and base parameters of a robot with contacts exclude the effect of "
+            f"unknown forces: ask for {' and '.join(WITH_CONTACTS)}, or leave the contacts out",
             element=f"contact '{mechanism.contacts[0].name}'",
         )
     return ALL_FUNCTIONS[name](mechanism, pivots)

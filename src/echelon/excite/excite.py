@@ -275,7 +275,7 @@ def exciting_trajectory(
     on_step("deriving the base parameters")
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
     watch = Watch(task.entry.budget, stopped, on_step)
-    on_step("looking for a pose that keeps all limits")
+    on_step("searching for a pose within all limits")
     design = designed(task, prior)
     found = searched(design, watch)
     x, margins = safe(design, found.best_first, watch)
@@ -390,7 +390,7 @@ def _warnings(
     texts = []
     if not isfinite(conditioning.scaled_condition):
         texts.append(
-            "this motion does not determine all base parameters: give it more time, or wider limits"
+            "this motion does not determine all base parameters: allow more time, or wider limits"
         )
     ended = {start.status for start in starts}
     if ended & {"stopped", "budget"}:

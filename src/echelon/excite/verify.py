@@ -103,7 +103,9 @@ class Margin:
 def when_kept(margins: Iterable[Margin]) -> str:
     """Where limits are known to hold, in words."""
     if any(margin.sampled for margin in margins):
-        return "at samples: with closed loops nothing bounds what happens between them"
+        return (
+            "at samples only: with closed loops nothing bounds the motion between them"
+        )
     return "at every time"
 
 

@@ -181,8 +181,8 @@ class _Builder:
         for name, stated in self.tree.independent.items():
             if not stated and name in mechanism.independent_velocities:
                 problem = (
-                    "the file says that it depends on others (independent='false'), but no loop or coupling says how: "
-                    "state one, or leave the attribute out (--ignore @independent)"
+                    "the file states that it depends on others (independent='false'), but has no loop or coupling "
+                    "for it: add one, or ignore the attribute (--ignore @independent)"
                 )
                 raise self._error(f"joint '{name}'", problem)
             if (
@@ -191,7 +191,7 @@ class _Builder:
                 and name not in mechanism.independent_velocities
             ):
                 chosen = ", ".join(mechanism.independent_velocities)
-                problem = f"the file says that it is independent, but it follows from others through loops: {chosen}"
+                problem = f"the file states that it is independent, but loops determine it from others: {chosen}"
                 raise self._error(f"joint '{name}'", problem)
 
     def _rides(self) -> dict[str, Ride]:

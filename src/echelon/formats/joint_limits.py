@@ -114,7 +114,7 @@ def _of_joint(joint: Any, source: str) -> StatedLimits:
         position = _range_of_joint(stated, soft, source, where)
         if stated and position is None and not any(key in stated for key in _ENDS):
             notes.append(
-                f"{where}: it states neither lower nor upper, and counts as free rather than as stuck at 0"
+                f"{where}: it states neither lower nor upper, and counts as free, not as locked at 0"
             )
 
     def least(*keys: str) -> float | None:

@@ -177,7 +177,7 @@ def tiny_notes(places: Sequence[str]) -> list[str]:
     if not places:
         return []
     return [
-        f"read as zero, since no robot has numbers below 1e-100: {listed(places, 3)}"
+        f"taken as zero, since no robot has numbers below 1e-100: {listed(places, 3)}"
     ]
 
 

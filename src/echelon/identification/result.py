@@ -134,7 +134,7 @@ class Identification:
     verdict : str
         The whole in words.
     reasons : tuple of str
-        Why the model should not be used; empty if nothing speaks against it.
+        Reasons not to use the model; empty if there are none.
     hypotheses : tuple of Judged
         Possible errors of model and logs: those that explain residuals, and the next best.
     """

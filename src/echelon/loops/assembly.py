@@ -135,7 +135,7 @@ class Assembly(ClosedMotion):
         if (
             sizes.max(initial=0.0) <= self.tolerance
         ):  # rad or lengths, by rad or lengths that move
-            idle = f"{shown_loops(self.mechanism)} hold nothing that can move: leave them out"
+            idle = f"{shown_loops(self.mechanism)} constrain no joint: leave them out"
             raise InputError(idle, element="loops")
         rank = cut_at((sizes / sizes[:, :1]).max(axis=0), self.tolerance, NOISE, FALL)
         order = pivoted_qr(jacobian.swapaxes(1, 2).reshape(-1, jacobian.shape[1]))[1]

@@ -26,10 +26,7 @@ from echelon.robot import (
 )
 from echelon.shared import Floats, InputError, one_thread
 
-_EXACTLY = (
-    "Write what is meant exactly: directions and angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as "
-    "equal numbers"
-)
+_EXACTLY = "Write exact values: directions and angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as equal numbers"
 
 
 @one_thread()
@@ -188,7 +185,7 @@ def _rigid(
         f"'{closure}' (singular value {size:.1g} of the equations)"
     )
     if moving is not None:
-        return f"{problem}.  They move where they are put together otherwise: write  {assembly.written(moving)}"
+        return f"{problem}.  They move in another assembly: write  {assembly.written(moving)}"
     if size < NEARLY_FREE:
         return f"{problem}.  If rounding has locked it: {_EXACTLY}"
     return f"{problem}.  Check the frames of that closure, or give it a kind that holds less, such as  joint: spherical"
@@ -196,8 +193,8 @@ def _rigid(
 
 def _shaky(mechanism: Mechanism) -> str:
     return (
-        f"{shown_loops(mechanism)} can move infinitesimally, but not really.  If they are meant to "
-        f"move, rounding has locked them.  {_EXACTLY}"
+        f"{shown_loops(mechanism)} can move infinitesimally, but not really.  If they should move, rounding has "
+        f"locked them.  {_EXACTLY}"
     )
 
 

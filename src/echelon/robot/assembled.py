@@ -59,7 +59,7 @@ class Assembled:
         return f"at {where} closure '{self.closure}' is open by {self.opening:.3g} {self.unit}"
 
     def _to_write(self) -> str:
-        return f"If this pose is meant, write  {to_write(self.pose)};  else state one at which the loops close"
+        return f"If this pose is right, write  {to_write(self.pose)};  else state one at which the loops close"
 
 
 def to_write(pose: Mapping[str, float]) -> str:

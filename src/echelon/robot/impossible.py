@@ -72,7 +72,7 @@ def warn_of_impossible(bodies: Sequence[Body]) -> None:
         text for body in bodies for text in _impossibilities(body)
     ):
         warn_caller(
-            f"{text}; no robot can have values that are computed with it", DoubtWarning
+            f"{text}; values computed with it belong to no physical robot", DoubtWarning
         )
 
 

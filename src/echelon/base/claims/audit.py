@@ -178,8 +178,8 @@ def _notes(model: BaseModel, found: Sequence[ClaimFinding]) -> tuple[str, ...]:
     if snapped <= ROUNDING or not any(gap <= PROPAGATED * snapped for gap in gaps):
         return ()
     return (
-        f"the robot file's rounded angles were read as exact (largest change {snapped:.2g}), which differences of this "
-        "size may come from; with tolerance 0 they are taken literally, as most programs do",
+        f"Echelon took rounded angles of the robot file as exact (largest change {snapped:.2g}), which may cause "
+        "differences of this size; with tolerance 0 it reads them literally, as most programs do",
     )
 
 

@@ -263,7 +263,7 @@ def span_exactly(
             continue
         independent = reduced_echelon(values[list(right)].T, field)[1]
         return _span(right, independent, reduced_echelon(values, field)[1], matrix)
-    raise EchelonError("every random geometry is singular for the claimed coefficients")
+    raise EchelonError("the claimed coefficients are singular at every random geometry")
 
 
 def span_roughly(

@@ -540,6 +540,6 @@ def unknown_token(
         return f"'{token}' is a regrouped parameter, not a standard one: write its expression, such as {plain} + …"
     near = get_close_matches(token, valid, n=4, cutoff=0.5) or sorted(valid)[:4]
     return (
-        f"'{token}' is neither a standard parameter in the naming of {naming.name} nor a symbol of the robot "
+        f"'{token}' is neither a standard parameter in the naming {naming.name} nor a symbol of the robot "
         f"(nearest: {', '.join(near)}; {len(PARAMETERS)} parameters per body)"
     )

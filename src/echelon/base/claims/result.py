@@ -28,7 +28,7 @@ class Verdict(Enum):
 
 _MEANING = {
     Verdict.EQUAL: "the claimed set is the exact one, up to the choice of representatives",
-    Verdict.EQUAL_TO_PRINTED_DIGITS: "the claimed set is the exact one, as far as its digits tell",
+    Verdict.EQUAL_TO_PRINTED_DIGITS: "the claimed set is the exact one, to its printed digits",
     Verdict.REDUNDANT: "complete, but some rows depend on others",
     Verdict.INCOMPLETE: "every row is right, but the outputs determine more base parameters",
     Verdict.WRONG: "some rows are combinations that the outputs do not determine",

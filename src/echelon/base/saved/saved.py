@@ -356,7 +356,7 @@ def _check_derived(
         special.generic_rank if model.generic else special.rank
     ):
         raise CertificateError(
-            f"'special' is about another rank than the {model.rank} of the set"
+            f"'special' has another rank than the set's {model.rank}"
         )
     known = _stated(model) if isinstance(model, BaseModel) else model.model.values
     largest = getattr(record, "largest_coefficient", None)
@@ -590,12 +590,12 @@ def _check_special(model: BaseModel | LinearBase, found: SpecialValues | None) -
         return
     if found is None:
         raise CertificateError(
-            "'special' says that the stated values change the answer, which they do not"
+            "'special' claims that the stated values change the answer, but they do not"
         )
     relations = ", ".join(found.relations)
     raise CertificateError(
-        f"the set does not say that there are only {found.rank} base parameters at the stated values of the symbols, "
-        f"because {relations}"
+        f"the set hides that the stated values of the symbols leave only {found.rank} base parameters, because "
+        f"{relations}"
     )
 
 

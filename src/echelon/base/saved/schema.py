@@ -211,11 +211,11 @@ class BaseModelRecord(StrictRecord):
         None, description="Largest absolute value in B at the stated values."
     )
     numbers: NumbersRecord | None = Field(
-        None, description="What has no closed form within the budget."
+        None, description="Coefficients without a closed form within the budget."
     )
     classification: dict[str, list[str]]
     reading: ReadingReport = Field(
-        description="What was snapped when the file was read, and whether it mattered."
+        description="Rounded numbers taken as exact, and whether they mattered."
     )
     special: SpecialValues | None = Field(
         None, description="Present where the stated values change the answer."

@@ -484,8 +484,8 @@ def _check_derivatives(
         if difference > GROSS * scale + rounding * (np.pi / step) ** order:
             share = f"{100 * difference / scale:.0f} %"
             problem = (
-                f"its {_STATES[order]} are not those of the positions, from which they differ by {share} (rms): "
-                "steps are too long, positions have too few digits, or units differ"
+                f"its {_STATES[order]} differ from the derivatives of its positions by {share} (rms): steps are "
+                "too long, positions have too few digits, or units differ"
             )
             raise InputError(
                 problem, source=source, element=f"column '{samples.column(order, j)}'"

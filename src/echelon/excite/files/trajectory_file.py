@@ -256,7 +256,7 @@ def _read_motion(
     durations = [basis.duration for basis, _ in found]
     for k, duration in enumerate(durations):
         if duration != durations[0]:
-            problem = f"lasts {duration!r} s, the first part {durations[0]!r} s; parts of a sum last equally long"
+            problem = f"lasts {duration!r} s, the first part {durations[0]!r} s; parts of a sum need equal durations"
             raise InputError(problem, element=f"{path}.parts[{k}]")
     return Combined(tuple(basis for basis, _ in found)), np.vstack(
         [coefficients for _, coefficients in found]
@@ -369,7 +369,7 @@ def read_trajectory(
     with np.errstate(all="ignore"):
         largest = max(float(np.max(trajectory.bounds(order))) for order in range(4))
     if not (DURATIONS[0] <= trajectory.duration <= DURATIONS[1] and largest <= LARGEST):
-        problem = f"lasts {trajectory.duration:.3g} s and reaches {largest:.3g} in SI units: beyond what a robot can do"
+        problem = f"lasts {trajectory.duration:.3g} s and reaches {largest:.3g} in SI units: no robot reaches that"
         raise InputError(problem, source=source)
     return trajectory
 

@@ -82,7 +82,7 @@ def without_touching(stated: Clearance, pose: Floats) -> Allowances:
     near = stated.of_pairs(pose[None]).distances[0] < stated.low[stated.groups]
     pairs = stated.pairs[near].tolist()
     texts = [
-        f"{_names(stated, i, j)} are not checked: they are too near where motions start"
+        f"{_names(stated, i, j)} are not checked: they are too close at the start of motions"
         for i, j in pairs
     ]
     return Allowances(_without(stated, near), unchecked=tuple(texts))

@@ -58,7 +58,7 @@ def information_of_logs(
     setup = with_file_effects(setup_of(setup))
     entry = setup.excitation
     if entry.move is not None or entry.hold:
-        problem = "logs determine other parameters than a trajectory that holds coordinates; let all of them move"
+        problem = "logs determine other parameters than a trajectory with held coordinates; let all of them move"
         raise InputError(problem, source=setup.source, element="excitation")
     if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
         raise InputError(
@@ -70,7 +70,7 @@ def information_of_logs(
         absent = listed(
             [name for name in moved if name not in setup.mechanism.velocities]
         )
-        problem = f"the logs have nothing of {absent}, so they determine other parameters; lock what does not move"
+        problem = f"the logs lack {absent}, so they determine other parameters; lock joints that do not move"
         raise InputError(problem, source=setup.source, element="locked")
     base = base_parameters(setup.mechanism, seed=setup.seed)
     found = survey(setup, base, paths)
@@ -161,10 +161,10 @@ def prior_efforts(
                 f"{problem} or a file under identification: prior",
                 element="effort limits",
             )
-        text = "torques are not limited, because the robot file states no inertial values to predict them with"
+        text = "torques have no limits, because the robot file has no inertial values to predict them"
         findings.append(warning("effort", setup.source, text))
         return None
     if np.isnan(values).any():
-        text = "the prior model states no friction: the margin of the torque limits has to cover it"
+        text = "the prior model has no friction: the margin of the torque limits must cover it"
         findings.append(note("effort", setup.source, text))
     return EffortModel(np.nan_to_num(values))

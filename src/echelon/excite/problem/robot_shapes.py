@@ -57,9 +57,7 @@ from echelon.shared import Floats, InputError, extra
 
 THINNEST = 5e-3
 """Least half length, m, of a box that stands for an inertia: mass points have none."""
-STAND_IN = (
-    "shapes of the set-up can stand in for it"  # advice for a shape that cannot be read
-)
+STAND_IN = "add a shape under collisions"  # advice for a shape that cannot be read
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,7 @@ def mesh_vertices(
     if Path(name).suffix.lower() not in READABLE:
         raise InputError(f"mesh '{name}' cannot be read (valid: {', '.join(READABLE)})")
     if file is None:
-        raise InputError(f"mesh '{name}' is not found")
+        raise InputError(f"mesh '{name}' not found; set ROS_PACKAGE_PATH")
     mujoco = import_mujoco("excite")
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(
@@ -172,7 +170,7 @@ def mesh_shape(
     try:
         kept = np.sort(ConvexHull(vertices).vertices)
     except QhullError:
-        problem = "its vertices lie in a plane: a thin box can stand in for it"
+        problem = "its vertices lie in a plane: use a thin box"
         raise InputError(problem, element=f"shape '{name}'") from None
     return Shape(name, body, ShapeKind.MESH, (), placement, vertices[kept], link)
 
@@ -300,7 +298,7 @@ def _remove_others(spec: Any, directory: Path) -> list[tuple[str, str]]:
     for geom in list(spec.geoms):
         problem = "a height field is not convex" if geom.hfieldname else ""
         if geom.meshname in absent:
-            problem = f"mesh '{files[geom.meshname]}' is not found"
+            problem = f"mesh '{files[geom.meshname]}' not found"
         collides = bool(geom.contype or geom.conaffinity)
         if problem and collides:
             lost.append(

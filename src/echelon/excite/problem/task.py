@@ -247,11 +247,11 @@ class _Resolver:
             values = "; ".join(
                 f"{', '.join(names)} {value}" for value, names in taken.items()
             )
-            text = f"no {kind} limits are stated, so these are taken: {values}"
+            text = f"no {kind} limits are stated; these are used: {values}"
             yield note("default limit", self.source, text)
         if self.unlimited:
             names = listed(self.unlimited)
-            text = f"the robot file states an effort of 0 for {names}, which counts as not stated, so nothing limits it"
+            text = f"the robot file states an effort of 0 for {names}, which counts as unknown: no limit"
             advice = f"write limits: effort: {{{self.unlimited[0]}: 50}}, or none if it is meant"
             yield warning("effort", self.source, f"{text}; {advice}")
 
@@ -360,7 +360,7 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
         base = base_parameters(mechanism, seed=setup.seed)
         if not base.rank:
             raise InputError(
-                "no output depends on a parameter, however the robot moves: the base set is empty"
+                "no output depends on any parameter: the base set is empty"
             )
         stated = stated_limits(setup.robot_file, mechanism) if setup.robot_file else {}
         limits = resolved_limits(
@@ -421,7 +421,9 @@ def _held(
         )
         raise InputError(problem, element="move")
     if entry.move is None and free:
-        text = f"{', '.join(sorted(free))} are held: a floating base is moved by nothing but its joints"
+        text = (
+            f"{', '.join(sorted(free))} are held: only its joints move a floating base"
+        )
         findings.append(note("held", setup.source, text))
     return {
         name: float(entry.hold.get(name, 0.0))
@@ -447,7 +449,7 @@ def _constraints(
     elif limits.efforts:
         model = prior_efforts(setup, entry, mechanism, findings)
     else:
-        text = "there are no limits of torques or forces: the trajectory may ask for more than the drives can give"
+        text = "no limits of torques or forces: the trajectory may exceed what the drives can give"
         findings.append(warning("effort", setup.source, text))
     found: list[StateConstraint] = []
     points = [limit for frame in entry.frames for limit in _point_limits(frame)]
@@ -527,7 +529,7 @@ def _shapes(
         shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
         if geometry.notes and section.unreadable == "boxes":
             shapes += inertia_boxes(mechanism, {shape.body for shape in shapes})
-            text = "boxes of the inertias stand for links that cannot be read: distances are theirs, not the links'"
+            text = "boxes of the inertias replace unreadable links: the distances are those of the boxes"
             findings.append(warning("collisions", setup.source, text))
         findings += [note("collisions", setup.source, text) for text in geometry.notes]
     around = stated(
@@ -543,10 +545,8 @@ def _unreadable(notes: Sequence[str]) -> str:
     """A sentence about shapes of a file that cannot be read, with the ways out."""
     first = notes[0].removeprefix("left out: ").removesuffix(f"; {STAND_IN}")
     others = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
-    ways = "unreadable: boxes (of the inertias, whose distances are not those of the links), or none (not checked)"
-    return (
-        f"{first}{others}; convert them, state shapes, or write under collisions {ways}"
-    )
+    ways = "unreadable: boxes (boxes of the inertias, which differ from the links), or none (not checked)"
+    return f"{first}{others}; convert them, add shapes under collisions, or write there {ways}"
 
 
 def _random_poses(

@@ -102,7 +102,7 @@ def _message(problem: ErrorDetails, value: Any) -> str:
         case "union_tag_not_found":
             if problem["loc"][0] == "outputs":
                 *keys, last = SENSORS
-                return f"needs one of the keys {', '.join(keys)} and {last}, which say what is measured"
+                return f"needs one of the keys {', '.join(keys)} and {last}, which name the measurement"
             return "the key 'type' is missing: a joint has a type such as revolute"
         case "model_attributes_type":
             return f"needs a mapping such as {{type: revolute, axis: z}}, found {kind_of(value)}"

@@ -156,7 +156,7 @@ class _Carrier(Model):
     )
     massless: Flag = optional(False, "Carries no parameters.", True)
     parameters: Annotated[tuple[Kind, ...], AS_LIST] | None = optional(
-        None, "Which of the ten it carries, if not all.", ["ZZ"]
+        None, "The ones of the ten that it carries, if not all.", ["ZZ"]
     )
     separate: Flag = optional(
         False,
@@ -336,7 +336,7 @@ class RobotDescription(Model):
     )
     outputs: Annotated[tuple[OutputEntry, ...], AS_LIST] | None = optional(
         None,
-        "What is measured; default: the forces of all actuators.",
+        "Measured outputs; default: the forces of all actuators.",
         [{"joint": "all"}, {"wrench": "base"}],
     )
     contacts: Annotated[tuple[ContactEntry, ...], AS_LIST] = optional(
@@ -352,7 +352,7 @@ class RobotDescription(Model):
     )
     measure: Annotated[tuple[MeasureEntry, ...], AS_LIST] = optional(
         (),
-        "What a calibration of the geometry measures; default: the pose of the last body.",
+        "Measurements for a calibration of the geometry; default: the pose of the last body.",
         [{"pose": "flange"}, {"distance": "flange", "columns": "bar"}],
     )
     log: Annotated[
@@ -361,7 +361,7 @@ class RobotDescription(Model):
         by_form("mapping", "list"),
     ] = optional(
         (),
-        "What the columns of logs mean; of several kinds of logs, a list. Default: guessed from names.",
+        "Meaning of the columns of logs; a list for several kinds of logs. Default: guessed from names.",
         {"time": "t", "position": "q_{n}", "output": "tau_{n}"},
     )
     preparation: PreparationEntry = optional(
@@ -369,7 +369,8 @@ class RobotDescription(Model):
         "How logs are filtered, differentiated and decimated.",
     )
     identification: IdentificationEntry = optional(
-        IdentificationEntry.model_construct(), "What is fitted to logs, and how."
+        IdentificationEntry.model_construct(),
+        "Estimator, prior and other settings of the fit.",
     )
     excitation: ExcitationEntry = optional(
         ExcitationEntry.model_construct(),

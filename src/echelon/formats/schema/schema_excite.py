@@ -176,7 +176,7 @@ class LimitsEntry(Model):
     jerk: Limits = optional({}, f"Largest jerk, rad/s³ or m/s³: {_WHOSE}", 500)
     beyond_file: Flag = optional(
         False,
-        "Let positions stated here go beyond those of the robot file, or beyond two turns.",
+        "Allow positions beyond those of the robot file, or beyond two turns.",
         True,
     )
     effort: Limits = optional(
@@ -284,9 +284,7 @@ class ExcitationEntry(Model):
     duration: Positive | None = optional(
         None, "Length of the motion, or of its period, s.", 10
     )
-    rate: Positive = optional(
-        100.0, "Samples per second that the criterion counts, Hz.", 200
-    )
+    rate: Positive = optional(100.0, "Samples per second for the criterion, Hz.", 200)
     family: Family = optional(
         "fourier",
         "Functions of time: Fourier series, B-splines, or both added.",
@@ -300,7 +298,7 @@ class ExcitationEntry(Model):
     segments: Count = optional(8, "Segments of B-splines.", 12)
     criterion: Optimality = optional(
         "condition",
-        "What is optimised: the condition number, the volume of the confidence ellipsoid, or the sum of the variances.",
+        "Criterion: the condition number, the volume of the confidence ellipsoid, or the sum of the variances.",
         "d_optimal",
     )
     noise: Deviations = optional(
@@ -352,7 +350,8 @@ class ExcitationEntry(Model):
     iterations: Count = optional(500, "Steps of the solver in each start, at most.", 50)
     budget: Positive = optional(
         40.0,
-        "Work of the search, in seconds of a usual processor; counted, not timed, so that equal runs end alike.",
+        "Budget of the search, in seconds of a typical processor; counted, not timed, so that equal runs give "
+        "equal results.",
         120,
     )
 

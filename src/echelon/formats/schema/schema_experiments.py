@@ -28,7 +28,8 @@ class ContactEntry(Model):
     body: Name = required("Body or frame that touches.", "FL_foot")
     type: Literal["point", "line", "surface", "rolling"] = optional(
         "point",
-        "What cannot move: a point; a line along x or a surface that do not turn either; a wheel or ball that rolls.",
+        "Kind of contact: a point that cannot move; a line along x or a surface that cannot turn either; a wheel "
+        "or ball that rolls.",
         "point",
     )
     name: Name | None = optional(
@@ -53,7 +54,7 @@ class ExperimentEntry(Model):
     name: Name = required("Name of the experiment.", "wall")
     gravity: Annotated[tuple[Number, Number, Number], AS_LIST] | None = optional(
         None,
-        "Gravity in the base frame, of which the direction counts: how the base is mounted.",
+        "Gravity in the base frame, which tells how the base is mounted; only its direction counts.",
         [9.81, 0, 0],
     )
     locked: dict[Name, Number] = optional(

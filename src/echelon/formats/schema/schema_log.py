@@ -165,7 +165,7 @@ class LogEntry(Model):
         "tau_{n}",
     )
     reference: Columns | None = optional(
-        None, "Positions that the controller was asked for.", "q_ref_{n}"
+        None, "Commanded positions of the controller.", "q_ref_{n}"
     )
     input: Columns | None = optional(
         None, "Inputs that effects use.", {"j1": "current_1"}
@@ -186,7 +186,7 @@ class PreparationEntry(Model):
 
     band: Annotated[Positive | None, Automatic] = optional(
         None,
-        "What both sides of the equation keep, from 0 Hz up to this; inf for all.",
+        "Pass band of both sides of the equation: 0 Hz up to this; inf for all.",
         5,
     )
     lowpass: dict[str, Positive] | None = optional(
@@ -212,7 +212,7 @@ class PreparationEntry(Model):
         ["j1"],
     )
     delays: dict[str, Real] | None = optional(
-        None, "Delay of outputs behind positions, s.", {"j1": 0.002}
+        None, "Lag of outputs behind positions, s.", {"j1": 0.002}
     )
     trim: Annotated[Real, Field(ge=0)] = optional(0.0, "Left out at both ends, s.", 0.5)
     rate: Positive | None = optional(None, "Resample to this rate, Hz.", 500)
@@ -256,7 +256,9 @@ class PriorEntry(Model):
         "arm.urdf",
     )
     weight: Annotated[Positive | None, Automatic] = optional(
-        None, "Of the prior against the data; chosen from the data if absent.", 1.0
+        None,
+        "Weight of the prior relative to the data; chosen from the data if absent.",
+        1.0,
     )
 
 
@@ -268,13 +270,13 @@ class IdentificationEntry(Model):
         {}, "Base parameters with known values.", {"Ia1": 0.1}
     )
     holdout: Annotated[Real, Field(ge=0, lt=1)] = optional(
-        0.3, "Share of each log kept for validation where no other log is.", 0.3
+        0.3, "Share of each log kept for validation if no other log is given.", 0.3
     )
     physical: Flag = optional(True, "Fit a physically consistent robot as well.", False)
     predict: ValuesToUse = optional(
         "auto",
-        "Which values predictions use; auto: the estimate, or physical values where unseen motions need "
-        "combinations that the data hardly show.",
+        "Values for predictions; auto: the estimate, or physical values where the data hardly excite combinations "
+        "that unseen motions need.",
         "physical",
     )
     essential: Literal[Criterion, "none"] = optional(

@@ -69,8 +69,8 @@ class RobotFileEntry(Model):
     )
     ignore: Annotated[tuple[str, ...], AS_LIST] = optional(
         (),
-        "Elements and attributes of the file, such as gazebo/joint or origin@quat, that count as if they were not "
-        "there, though they may change how the robot moves.",
+        "Elements and attributes of the file, such as gazebo/joint or origin@quat, to ignore, although they may "
+        "change how the robot moves.",
         ["gazebo/joint"],
     )
 

@@ -171,8 +171,8 @@ def reading_notes(
     moved = [snap.difference for snap in snaps if snap.difference > PRECISION]
     if moved:
         yield (
-            f"{len(moved)} numbers of the geometry stay as written although they were read as exact ones, "
-            f"up to {np.max(moved):.2g} away; predictions of this file differ accordingly"
+            f"{len(moved)} rounded numbers of the geometry stay as written although Echelon took them as exact, up "
+            f"to {np.max(moved):.2g} away; predictions of this file differ accordingly"
         )
     files = [
         value

@@ -49,19 +49,21 @@ class HypothesisRecord(FiniteRecord):
     """A hypothesis about the model or the log, and its score."""
 
     kind: str = Field(
-        description="What it is about, such as an effect, a gain, gravity or another reading."
+        description="Kind, such as an effect, a gain, gravity or another reading."
     )
     words: str
     places: list[str] = Field(
-        description="Drives, joints, outputs or bodies that it is about."
+        description="Drives, joints, outputs or bodies concerned."
     )
-    write: str = Field(description="What states it in a set-up, with {at} for places.")
+    write: str = Field(
+        description="Entry of a set-up that states it, with {at} for places."
+    )
     shrinkage: float = Field(
         description="Per cent by which residuals of held-out blocks shrink, all outputs together."
     )
     error: float = Field(description="Standard error of that, from blocks of time.")
     taken: bool = Field(
-        description="Whether it explains what the model leaves, or was only tried."
+        description="Whether it explains the residuals, or was only tried."
     )
 
 
@@ -177,7 +179,7 @@ class IdentifiedRecord(FiniteRecord):
     )
     verdict: str
     reasons: list[str] = Field(
-        description="Why the model should not be used; empty if nothing speaks against it."
+        description="Reasons not to use the model; empty if there are none."
     )
     findings: list[dict[str, str]]
     hypotheses: list[HypothesisRecord] = Field(
@@ -187,7 +189,9 @@ class IdentifiedRecord(FiniteRecord):
     values: dict[str, Value] = Field(
         description="Base parameters that predictions use, SI units."
     )
-    ranges: list[RangeRecord] = Field(description="What every output was fitted to.")
+    ranges: list[RangeRecord] = Field(
+        description="Rows that every output was fitted to."
+    )
     estimate: EstimateRecord
     essential: EstimateRecord | None
     conditioning: ConditioningRecord
@@ -195,11 +199,9 @@ class IdentifiedRecord(FiniteRecord):
     physical: PhysicalRecord | None
     validations: list[ValidationRecord]
     logs: list[LogRecord]
-    columns: list[ColumnMap] = Field(description="What the columns of logs mean.")
+    columns: list[ColumnMap] = Field(description="Meaning of the columns of logs.")
     preparation: Preparation = Field(
-        description="How logs were prepared, every choice filled in."
+        description="Preparation of the logs, with every choice."
     )
-    settings: dict[str, Any] = Field(
-        description="What was fitted, and how; with the seed."
-    )
+    settings: dict[str, Any] = Field(description="Settings of the fit, with the seed.")
     base: BaseModelRecord = Field(description="The base parameters and the mechanism.")

@@ -145,7 +145,7 @@ class ServoFit:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the model should not be used; empty if nothing speaks against it."""
+        """Reasons not to use the model; empty if there are none."""
         scores = self.held_out or self.fitted
         found = [
             f"joint '{s.joint}' is not where the model says (R² {s.r2:.3f})"

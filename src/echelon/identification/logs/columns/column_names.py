@@ -46,7 +46,7 @@ _WORDS = {
 _KIND_OF_WORD = _by_word(_WORDS)
 _WEAK = frozenset(
     "a v i t d"
-)  # letters that say what is measured only where no word does
+)  # letters that name the measurement only where no word does
 _OTHERS = {
     "reference": "ref refs reference target targets des desired cmd cmds command commanded setpoint sp goal ipo d "
     "action qref qdes qcmd soll sollwert consigne",
