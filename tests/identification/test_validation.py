@@ -32,7 +32,12 @@ from echelon.identification.scores import (
 )
 from echelon.identification.traces import TraceKeeper, thinned
 from echelon.identification.validation import validated
-from echelon.identification.verdict import overall_verdict, pooled, verdict
+from echelon.identification.verdict import (
+    overall_verdict,
+    pooled,
+    verdict,
+    verdict_parts,
+)
 from support.observation_rows import ArrayRows, fit_of, judged_rows
 from support.selection import examples
 
@@ -477,9 +482,7 @@ def test_an_output_below_the_noise_of_its_sensor_is_not_judged() -> None:
     silent = replace(quiet.scores[1], noise=2.0)
     found = overall_verdict(judged(score("j1"), silent))
     assert found.text.startswith("The model predicts every output well")
-    assert (
-        "No verdict on j2: it varies less than the sensor noise." in found.text
-    )
+    assert "No verdict on j2: it varies less than the sensor noise." in found.text
     assert overall_verdict(judged(silent)).text.startswith(
         "No verdict: no output varied by more than"
     )
@@ -567,3 +570,26 @@ def test_what_cannot_be_split_is_refused() -> None:
         split(samples(count=1), 0.3)
     with pytest.raises(ec.InputError, match="share"):
         split(samples(), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("r2", "facts", "badge"),
+    [
+        (0.99, [], "good"),
+        (0.93, [], "usable"),
+        (0.6, [], "poor"),
+        (-0.5, [], "do not use"),
+        (0.99, ["the clock is wrong", "a mass is negative"], "do not use"),
+    ],
+)
+def test_a_verdict_has_a_badge_a_sentence_and_reasons(
+    r2: float, facts: list[str], badge: str
+) -> None:
+    found = overall_verdict(judged(score("j1", r2=r2)), facts)
+    told = verdict_parts(found.text, found.reasons)
+    assert told.badge == badge
+    assert told.is_good == (badge in ("good", "usable"))
+    assert [fact for fact in facts if fact in told.sentence] == []
+    assert told.reasons == found.reasons
+    assert all(remark.endswith(".") for remark in told.remarks)
+    assert told.sentence.endswith("(run2).")

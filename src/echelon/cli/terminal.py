@@ -114,15 +114,13 @@ def print_identification(result: Identification) -> None:
 
 def _print_verdict(console: Console, verdict: str, reasons: Sequence[str]) -> None:
     """Print a badge with the first sentence of a verdict, then why, then the rest."""
-    sentence, apart, remarks = verdict_parts(verdict, reasons)
-    badge, colour = ("DO NOT USE", "red") if reasons else ("USABLE", "green")
-    style = f"bold white on {colour}"
-    console.print(
-        Text.assemble((f" {badge} ", style), " ", (one_line(sentence), "bold"))
-    )
-    for reason in apart:
+    told = verdict_parts(verdict, reasons)
+    colour = "green" if told.is_good else "red"
+    badge = f" {told.badge.upper()} ", f"bold white on {colour}"
+    console.print(Text.assemble(badge, " ", (one_line(told.sentence), "bold")))
+    for reason in told.reasons:
         console.print(Text(f"  reason: {one_line(reason)}", style=colour))
-    for remark in remarks:
+    for remark in told.remarks:
         console.print(Text(f"  {one_line(remark)}"))
 
 

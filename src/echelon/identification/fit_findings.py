@@ -128,7 +128,9 @@ def _of_physics(
             )
             yield warning("feasibility", "", text)
         else:
-            text = f"the estimate is slightly unphysical ({away}), as expected from noise"
+            text = (
+                f"the estimate is slightly unphysical ({away}), as expected from noise"
+            )
             yield note("feasibility", "", text)
     rows = max(sum(estimate.rows), 1)
     if physical is not None and physical.misfit > OVERFIT * max(

@@ -83,11 +83,11 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     ]
     silent = _silent(judged.scores)
     if not told:
-        text = f"No verdict on {_data(judged)} ({judged.source}): {_listed(silent)}"
+        text = f"{_NO_VERDICT} on {_data(judged)} ({judged.source}): {_listed(silent)}"
         if not any(score.is_at_rest for score in judged.scores):
             noisy = any(score.is_below_noise for score in judged.scores)
             text = (
-                "No verdict: no output varied"
+                f"{_NO_VERDICT}: no output varied"
                 + " by more than its sensor's noise" * noisy
             )
         return Judgement(f"{text}.", (text, *facts))
@@ -125,15 +125,30 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     )
 
 
-def verdict_parts(
-    verdict: str, reasons: Sequence[str]
-) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    """First sentence of a verdict without the reasons in it, the reasons, and the other sentences."""
+@dataclass(frozen=True)
+class VerdictParts:
+    """A verdict for the eye: a badge with one sentence, then reasons, then the rest."""
+
+    badge: str
+    is_good: bool  # whether nothing speaks against the model
+    sentence: str
+    reasons: tuple[str, ...]  # those that the sentence does not have
+    remarks: tuple[str, ...]
+
+
+def verdict_parts(verdict: str, reasons: Sequence[str]) -> VerdictParts:
+    """Parts of a verdict in words, and of the reasons not to use the model."""
     for reason in reasons:
         verdict = verdict.replace(f": {reason}", "").replace(f"; {reason}", "")
-    sentence, *others = re.split(r"(?<=\.) (?=[A-Z])", verdict)
+    sentence, *remarks = re.split(r"(?<=\.) (?=[A-Z])", verdict)
+    told = (badge for start, badge in _BADGES.items() if sentence.startswith(start))
+    badge = next(told, "do not use" if reasons else "usable")
+    if (
+        reasons and badge in _TRUSTED
+    ):  # a fact beside the scores speaks against the model
+        badge = "do not use"
     apart = tuple(reason for reason in reasons if reason not in sentence)
-    return sentence, apart, tuple(others)
+    return VerdictParts(badge, not reasons, sentence, apart, tuple(remarks))
 
 
 _WORDS = {
@@ -142,6 +157,16 @@ _WORDS = {
     Grade.POOR: "The model is poor for some outputs",
     Grade.USELESS: "The model cannot be trusted for some outputs",
 }
+_CONTRADICTED = "Do not use the model, despite its predictions"
+_NO_VERDICT = "No verdict"
+_TRUSTED = ("good", "usable")
+_BADGES = {
+    _WORDS[Grade.GOOD]: "good",
+    _WORDS[Grade.USABLE]: "usable",
+    _WORDS[Grade.POOR]: "poor",
+    _NO_VERDICT: "no verdict",
+}
+"""Badges by the beginning of a verdict; every other verdict is not to use the model."""
 
 
 def _headline(
@@ -152,11 +177,7 @@ def _headline(
     text = f"on {_data(judged)}; the lowest R² is {worst.r2:.4g}, of {worst.output}{raw} ({judged.source})"
     if not facts:
         return f"{_WORDS[lowest]} {text}."
-    words = (
-        "Do not use the model, despite its predictions"
-        if lowest >= Grade.USABLE
-        else _WORDS[lowest]
-    )
+    words = _CONTRADICTED if lowest >= Grade.USABLE else _WORDS[lowest]
     return f"{words} {text}: {'; '.join(facts)}."
 
 

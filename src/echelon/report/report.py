@@ -145,13 +145,10 @@ def findings_of(findings: tuple[Finding, ...]) -> Context:
 
 def _header(run: Identification) -> Context:
     mechanism = run.base.mechanism
-    sentence, reasons, remarks = verdict_parts(run.verdict, run.reasons)
+    told = verdict_parts(run.verdict, run.reasons)
     return {
         "robot": mechanism.name,
-        "verdict": sentence,
-        "remarks": remarks,
-        "reasons": reasons,
-        "usable": not run.reasons,
+        "verdict": told if run.verdict else None,
         "logs": run.logs,
         "validated": [v.source for v in run.validations if v.role == "validation"],
         **findings_of(run.findings),

@@ -18,9 +18,7 @@ from echelon.shared import Floats
 _SHORT = 0.01
 """Delay up to which none is told here, s: those were looked for on the clock of the log, which knows when friction
 turns while the slower one of the rows does not."""
-_RATIO = (
-    "its true size relative to the other outputs (data show ratios only)"
-)
+_RATIO = "its true size relative to the other outputs (data show ratios only)"
 
 
 def turned(readings: Readings, states: States, values: Floats) -> Iterator[Term]:
