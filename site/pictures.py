@@ -149,6 +149,7 @@ def residuals() -> str:
 
 def write(folder: Path) -> None:
     """The pictures of README and of the documentation."""
+    import badges_picture
     import echelon
     import elastic_picture
     import experiments_picture
@@ -172,6 +173,8 @@ def write(folder: Path) -> None:
     (folder / "experiments.svg").write_text(won, encoding="utf-8")
     drive = elastic_picture.picture()
     (folder / "elastic-drive.svg").write_text(drive, encoding="utf-8")
+    badges = badges_picture.picture(ROOT)
+    (folder / "badges.svg").write_text(badges, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -104,6 +104,40 @@ def test_numbers_come_from_the_benchmark() -> None:
     assert all(line in table for line in quoted[1].splitlines())
 
 
+def test_ratios_of_readme_come_from_the_benchmark() -> None:
+    """Ratios, counts and versions in the table of other tools."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    bench = (ROOT / "benchmarks/results/bench.md").read_text(encoding="utf-8")
+    counts = (ROOT / "benchmarks/results/counts.md").read_text(encoding="utf-8")
+
+    def ratio(row: str) -> float:
+        return float(re.search(rf"\| {re.escape(row)} \| ([\d.]+)×", bench)[1])
+
+    def middle(row: str) -> float:
+        found = re.search(rf"\| {re.escape(row)} \| [\d.]+ / ([\d.]+) /", bench)
+        return float(found[1])
+
+    reused = "UR10, dense base W from Python : "
+    pinocchio = ratio(f"{reused}Pinocchio C++, 1 thread")
+    figaroh = ratio(f"{reused}FIGAROH, 1 thread")
+    called = ratio("UR10, a call of generated C : Pinocchio C++ RNEA")
+    like = middle("dense standard W, reused `out` : Pinocchio C++ into W, 1 thread")
+    fresh = middle("dense base W, a fresh array : Pinocchio C++ into W, 1 thread")
+    assert f"{int(pinocchio)} times faster into a reused array, equal into" in readme
+    assert f"{figaroh / pinocchio:.1f} times slower" in readme
+    assert f"{called:.0f} times faster" in readme
+    assert f"{like:.0f} times faster than Pinocchio" in readme
+    assert fresh == pytest.approx(1, abs=0.05)
+    linkages = bench[bench.index("## Linkages") : bench.index("## Serial chains")]
+    rows = [line for line in linkages.splitlines() if line.count(" ms") > 2]
+    wrong = [line for line in rows if "**" in line]
+    assert f"wrong for {len(wrong)} of {len(rows)}" in readme
+    assert "| so100 | 36 | 38 | 38 |" in counts
+    versions = (f"Pinocchio {re.search(r'pin ([0-9.]+)', bench)[1]}", "FIGAROH 1.0.2")
+    assert all(version in readme for version in versions)
+    assert versions[1] in counts
+
+
 @pytest.mark.parametrize("page", ["docs/identification.md"])
 def test_numbers_come_from_the_real_logs(page: str) -> None:
     results = (ROOT / "benchmarks/results/real_logs.md").read_text().splitlines()
