@@ -47,8 +47,8 @@ ELSEWHERE = re.compile(
 """Links to the parts that ``--only-pages`` leaves out."""
 WITHOUT_ZOO = "# Robots\n\nThis copy of the site has no zoo: `make site` builds it.\n"
 WHOLE, PART = 11_000, 8_500
-"""Characters of Markdown: longer pages are cut into parts, as 11,000 fill about 8,000 px of a telephone's screen and lists
-of options, which take most room, 8,500."""
+"""Characters of Markdown: a page that is longer than the first is cut into parts of at most the second.  On a telephone
+11,000 characters of prose, or 8,500 of lists of options, fill about 8,000 px."""
 REFERENCE = {
     "base-model": ("BaseModel", r"BaseModel$"),
     "sets": ("Base parameters", r"base\.(derive|expression|match|matrix)"),

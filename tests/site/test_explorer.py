@@ -204,6 +204,17 @@ def test_models_of_mujoco_are_refused_in_one_line() -> None:
     assert asked(EXAMPLES / "two_link.xml")["error"] == f"echelon: two_link.xml: {line}"
 
 
+def test_xacro_is_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf.xacro").write_text(
+        '<robot xmlns:xacro="http://ros.org/wiki/xacro" name="a"><xacro:link name="b"/></robot>'
+    )
+    line = "the explorer does not read xacro; on a computer: xacro arm.urdf.xacro > robot.urdf, then drop robot.urdf here"
+    assert (
+        asked(tmp_path / "arm.urdf.xacro")["error"]
+        == f"echelon: arm.urdf.xacro: {line}"
+    )
+
+
 def test_downloads_are_what_the_commands_write(tmp_path: Path) -> None:
     def written(kind: str) -> dict[str, str]:
         request = {
