@@ -262,10 +262,12 @@ async function visit() {
 }
 
 async function begin() {
-  ready.then((seconds) => {
+  ready.then(async (seconds) => {
     since = seconds;
-    if (!running) byId("status").textContent = `Ready ${since.toFixed(1)} s after the visit began.`;
     import("./arm.mjs").catch(() => {}); // it is fetched while the first answer is derived; who draws says why not
+    if (running || !shown) return;
+    byId("status").textContent = `Ready ${since.toFixed(1)} s after the visit began.`;
+    await ask(await requested()); // the first click finds everything imported
   }).catch((error) => showError(`echelon: ${error.message}`));
   editor = new Editor(byId("editor"), byId("words"), await (await fetch("robot.schema.json")).json());
   robots = await (await fetch("robots/robots.json")).json();
