@@ -13,6 +13,7 @@ import argparse
 import ast
 import hashlib
 import io
+import itertools
 import json
 import os
 import re
@@ -27,8 +28,11 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 BUILD = ROOT / "build"
 DOCS, SITE, ZOO = BUILD / "docs", BUILD / "site", BUILD / "zoo"
+SECTIONS = BUILD / "sections.json"  # pages of the navigation that are several
 sys.path[:0] = [str(ROOT / "src"), str(ROOT / "site")]
 os.environ["PYTHONPATH"] = str(ROOT / "src")
+
+from pymdownx import slugs  # noqa: E402
 
 import build_explorer  # noqa: E402  needs the path above
 import pictures  # noqa: E402
@@ -37,20 +41,39 @@ from robot_zoo.build import build_zoo  # noqa: E402
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 VALUE = re.compile(r"\{\{ (.+?) \}\}")
 FORMULA = re.compile(r"(\$\$.+?\$\$|(?<![\\$\w])\$[^$\n]+?\$)", re.DOTALL)
-GROUPS = {
-    "sets": (
-        "Base parameters",
-        r"\.(base|claims|models|codegen|observe|results\.(saved|verify))\.",
-    ),
-    "robots": ("Robots and inertias", r"\.(formats|mechanism|inertia)\."),
-    "identification": (
-        "Identification",
-        r"\.(identification|setup|report\.report|results\.(identified|servo))",
-    ),
-    "motions": ("Exciting trajectories", r"\.(excite|report\.preview)"),
-    "errors": ("Errors", r"\.errors "),
+ELSEWHERE = re.compile(
+    r'<a [^>]*href="(?:\.\./)*(?:zoo|explorer)/[^>]*>(.*?)</a>', re.DOTALL
+)
+"""Links to the parts that ``--only-pages`` leaves out."""
+WITHOUT_ZOO = "# Robots\n\nThis copy of the site has no zoo: `make site` builds it.\n"
+WHOLE, PART = 11_000, 8_500
+"""Characters of Markdown: a page that is longer than the first is cut into parts of at most the second.  On a telephone
+11,000 characters of prose, or 8,500 of lists of options, fill about 8,000 px."""
+REFERENCE = {
+    "base-model": ("BaseModel", r"BaseModel$"),
+    "sets": ("Base parameters", r"base\.(derive|expression|match|matrix)"),
+    "structure": ("Structure and rank", r"base\.(structure|special|motion_ranks)"),
+    "audit": ("Audits and numeric ranks", r"base\.(claims|numeric_comparison)"),
+    "sensors": ("Sensors", r"base\.sensors"),
+    "rows": ("Row spaces", r"base\.row_space"),
+    "linear": ("Base parameters of linear models", r"base\.(linear_base|symbolic)"),
+    "files": ("Saved sets and source code", r"(base|codegen)\."),
+    "observations": ("Observations", r"compute\."),
+    "mechanism": ("Mechanism", r"Mechanism$"),
+    "load": ("Loading robots and linear models", r"(formats|dynamics)\."),
+    "robots": ("Experiments, drives and inertias", r"robot\."),
+    "setups": ("Set-ups and estimates", r"identification\.(setup|estimators)"),
+    "loads": ("Payloads, gains and servos", r"identification\.(gains|payload|servos)"),
+    "identify": ("Identification", r"identification\."),
+    "trajectories": ("Trajectories and their files", r"excite\.(files|problem)"),
+    "excite": ("Exciting trajectories", r"excite\."),
+    "poses": ("What calibration can see", r"calibration\.poses|calibration_base$"),
+    "calibrate": ("Calibration", r"calibration\."),
+    "compare": ("Two robots compared", r"comparison\."),
+    "reports": ("Reports", r"report\."),
+    "errors": ("Errors", r"shared\.errors"),
 }
-"""Pages of the reference: title, and which lines of the list of public names belong there."""
+"""Pages of the reference: title, and which public names stand there; a name goes to the first page that matches."""
 
 
 def main() -> None:
@@ -76,7 +99,7 @@ def main() -> None:
             (reason for reason in failed if "pip install" in reason), ""
         ):
             sys.exit(f"the environment of the site is not whole: {lacking}")
-    write_docs()
+    write_docs(whole=not given.only_pages)
     configuration = str(ROOT / "site" / "mkdocs.yml")
     command = [
         sys.executable,
@@ -89,9 +112,8 @@ def main() -> None:
         configuration,
     ]
     subprocess.run(command, check=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})
-    if ZOO.exists():
-        shutil.copytree(ZOO, SITE / "zoo", ignore=shutil.ignore_patterns("row.json"))
     if not given.only_pages:
+        shutil.copytree(ZOO, SITE / "zoo", ignore=shutil.ignore_patterns("row.json"))
         missing = build_explorer.build(
             SITE / "explorer", [ROOT / "examples"], BUILD / "cache", given.wheels
         )
@@ -116,85 +138,192 @@ def told(done: int, total: int, row: dict[str, Any] | None) -> None:
 # -- sources of pages --------------------------------------------------------------------------------------------------
 
 
-def write_docs() -> None:
-    """All Markdown that MkDocs reads."""
+def write_docs(*, whole: bool) -> None:
+    """All Markdown that MkDocs reads; what is not whole has neither zoo nor explorer, nor links to them."""
     shutil.rmtree(DOCS, ignore_errors=True)
     shutil.copytree(ROOT / "docs", DOCS, ignore=shutil.ignore_patterns("examples"))
     for name in ("CONTRIBUTING", "CHANGELOG"):
-        (DOCS / f"{name.lower()}.md").write_text(
-            (ROOT / f"{name}.md").read_text(encoding="utf-8"), encoding="utf-8"
-        )
+        shutil.copy(ROOT / f"{name}.md", DOCS / f"{name.lower()}.md")
     for page in DOCS.rglob("*.md"):
-        page.write_text(
-            _inside(page.read_text(encoding="utf-8"), page), encoding="utf-8"
-        )
+        text = page.read_text(encoding="utf-8")
+        page.write_text(_inside(text, page), encoding="utf-8")
     shutil.copy(ROOT / "site" / "extra.css", DOCS)
-    _write_reference()
+    sections = _write_reference()
     for page in sorted((ROOT / "site" / "pages").rglob("*.md")):
         target = DOCS / page.relative_to(ROOT / "site" / "pages")
         target.parent.mkdir(parents=True, exist_ok=True)
         print(f"running {page.relative_to(ROOT)}", flush=True)
-        target.write_text(executed(page), encoding="utf-8")
+        if whole:
+            text = executed(page)
+        elif page.name == "robots.md":
+            text = WITHOUT_ZOO
+        else:
+            text = ELSEWHERE.sub(r"\1", executed(page))
+        target.write_text(text, encoding="utf-8")
+    sections |= split_pages(DOCS)
+    SECTIONS.write_text(json.dumps(sections), encoding="utf-8")
 
 
 def _inside(text: str, page: Path) -> str:
     """Links to files that are no pages become links to copies of these files, and those to folders plain text."""
-    place = page.relative_to(DOCS).parent
+    of_docs = (ROOT / "docs" / page.relative_to(DOCS)).exists()
+    source = (ROOT / "docs" / page.relative_to(DOCS)).parent if of_docs else ROOT
 
     def link(found: re.Match[str]) -> str:
-        words, target, anchor = found[1], found[2], found[3] or ""
-        source = (
-            ROOT / "docs" / place
-            if (ROOT / "docs" / page.relative_to(DOCS)).exists()
-            else ROOT
-        )
+        words, target, anchor = found["words"], found["target"], found["anchor"] or ""
         file = (source / target).resolve()
         if not file.is_relative_to(ROOT) or not file.exists():
             return found[0]
         if file.is_dir():
             return words
-        named = {
-            "README.md": "index.md",
-            "CONTRIBUTING.md": "contributing.md",
-            "CHANGELOG.md": "changelog.md",
-        }
-        if file.is_relative_to(ROOT / "docs"):
-            inside = DOCS / file.relative_to(ROOT / "docs")
-        elif file.name in named and file.parent == ROOT:
-            inside = DOCS / named[file.name]
-        else:
-            inside = (
-                DOCS
-                / "files"
-                / f"{file.relative_to(ROOT).as_posix().replace('/', '-')}"
-            )
-            inside = inside.with_suffix(".txt") if file.suffix == ".md" else inside
-            inside.parent.mkdir(exist_ok=True)
-            shutil.copy(file, inside)
-        return f"[{words}]({os.path.relpath(inside, page.parent)}{anchor})"
+        place = os.path.relpath(_copied(file), page.parent)
+        return f"[{words}]{found['opening']}{place}{anchor}{found['closing']}"
 
-    return re.sub(r"\[([^\]]+)\]\(([^)#:\s]+)(#[^)]*)?\)", link, text)
+    target = r"(?P<target>[^)#:\s]+)(?P<anchor>#[^)\s]*)?"
+    inline = rf"\[(?P<words>[^\]]+)\](?P<opening>\(){target}(?P<closing>\))"
+    listed = rf"^\[(?P<words>[^\]]+)\](?P<opening>: ){target}(?P<closing>)$"
+    return re.sub(listed, link, re.sub(inline, link, text), flags=re.MULTILINE)
 
 
-def _write_reference() -> None:
-    """A page for each group of public names, from the list that the package itself reads."""
-    lines = (ROOT / "src/echelon/__init__.pyi").read_text(encoding="utf-8").splitlines()
-    names = [
-        line.split()[1::2][:2]
-        for line in lines
-        if line.startswith("from ") and "__version__" not in line
+def _copied(file: Path) -> Path:
+    """The page that a file of the repository becomes, or its copy beside the pages."""
+    pages = {
+        "README.md": "index.md",
+        "CONTRIBUTING.md": "contributing.md",
+        "CHANGELOG.md": "changelog.md",
+    }
+    inside = file.relative_to(ROOT).as_posix()
+    of_docs = DOCS / inside.removeprefix("docs/")
+    if inside in pages:
+        return DOCS / pages[inside]
+    if inside.startswith("docs/") and of_docs.exists():
+        return of_docs
+    copy = DOCS / "files" / inside.replace("/", "-")
+    copy = copy.with_suffix(".txt") if file.suffix == ".md" else copy
+    copy.parent.mkdir(exist_ok=True)
+    shutil.copy(file, copy)
+    return copy
+
+
+# -- pages that are not too long ---------------------------------------------------------------------------------------
+
+
+def _write_reference() -> dict[str, Any]:
+    """Pages of the reference, from the list of public names that the package itself reads."""
+    stub = (ROOT / "src/echelon/__init__.pyi").read_text(encoding="utf-8")
+    imports = [
+        node for node in ast.parse(stub).body if isinstance(node, ast.ImportFrom)
     ]
+    pages: dict[str, list[str]] = {key: [] for key in REFERENCE}
+    for place, name in [(node.module, node.names[0].name) for node in imports]:
+        if name == "__version__":
+            continue
+        full = f"{place}.{name}"
+        chosen = next((key for key in pages if _belongs(full, key)), None)
+        if chosen is None:
+            sys.exit(f"REFERENCE in site/build.py has no page for {full}")
+        pages[chosen].append(f"::: {full}\n")
     (DOCS / "api").mkdir()
-    for key, (title, pattern) in GROUPS.items():
-        chosen = [
-            f"::: {module}.{name}"
-            for module, name in names
-            if re.search(pattern, f"{module}. {module} ")
-        ]
-        head = f"# {title}\n\nAll names are those of `echelon`: `import echelon as ec`, then `ec.…`.\n\n"
+    for key, names in pages.items():
+        head = f"# {REFERENCE[key][0]}\n\nNames of `echelon`: `import echelon as ec`, then `ec.…`.\n\n"
         (DOCS / "api" / f"{key}.md").write_text(
-            head + "\n\n".join(chosen) + "\n", encoding="utf-8"
+            head + "\n".join(names), encoding="utf-8"
         )
+    return {"api": [f"api/{key}.md" for key in pages]}
+
+
+def _belongs(name: str, key: str) -> bool:
+    return re.search(rf"(^echelon\.|\.)(?:{REFERENCE[key][1]})", name) is not None
+
+
+def split_pages(folder: Path) -> dict[str, Any]:
+    """Cut long pages at their sections; links follow what they lead to.  Returns the parts of each page."""
+    moved: dict[tuple[Path, str], Path] = {}
+    parts = {}
+    for page in sorted(folder.rglob("*.md")):
+        pieces = _pieces(page.read_text(encoding="utf-8"))
+        if len(pieces) == 1:
+            continue
+        names = [page]
+        for number, piece in enumerate(pieces[1:], 2):
+            names.append(page.with_name(f"{page.stem}-{number}.md"))
+            headings = _headings(piece)
+            moved |= {(page, _anchor(heading)): names[-1] for heading in headings}
+        for name, piece in zip(names, pieces, strict=True):
+            name.write_text(piece, encoding="utf-8")
+        parts[page.relative_to(folder).as_posix()] = [
+            name.relative_to(folder).as_posix() for name in names
+        ]
+    of_part = {
+        folder / part: folder / page for page, some in parts.items() for part in some
+    }
+    for page in folder.rglob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        page.write_text(_followed(text, page, of_part, moved), encoding="utf-8")
+    return parts
+
+
+def _pieces(text: str) -> list[str]:
+    """A page, or its parts where it is too long; all parts but the first get a title."""
+    if len(re.sub(r"<[^>]+>", "", text)) <= WHOLE:
+        return [text]
+    cuts = [
+        0,
+        *(found.start() for found in re.finditer(r"^## ", _plain(text), re.MULTILINE)),
+    ]
+    sections = [text[a:b] for a, b in itertools.pairwise([*cuts, len(text)])]
+    pieces = [""]
+    for section in sections:
+        if pieces[-1] and len(pieces[-1]) + len(section) > PART:
+            pieces.append("")
+        pieces[-1] += section
+    return [pieces[0], *map(_titled, pieces[1:])]
+
+
+def _plain(text: str) -> str:
+    """The text with its blocks of code blanked, where lines with # are no headings."""
+    return re.sub(
+        r"^```.*?^```$", lambda b: re.sub(r"[^\n]", " ", b[0]), text, flags=re.M | re.S
+    )
+
+
+def _headings(text: str) -> list[str]:
+    return re.findall(r"^##+ (.*)$", _plain(text), re.MULTILINE)
+
+
+def _titled(piece: str) -> str:
+    """A part with the heading of its only section as its title, or with the first and the last of them."""
+    sections = re.findall(r"^## (.*)$", _plain(piece), re.MULTILINE)
+    if len(sections) == 1:
+        return piece.removeprefix("#")
+    first, last = (re.sub(r"`(\w+ \w+)[^`]*`", r"\1", sections[k]) for k in (0, -1))
+    return f"# {first} … {last}\n\n{piece}"
+
+
+def _anchor(heading: str) -> str:
+    slug: str = slugs.slugify(case="lower")(heading.replace("`", ""), "-")
+    return slug
+
+
+def _followed(
+    text: str,
+    page: Path,
+    of_part: dict[Path, Path],
+    moved: dict[tuple[Path, str], Path],
+) -> str:
+    """The text of a page with links to headings where these are now."""
+
+    def link(found: re.Match[str]) -> str:
+        target = (
+            (page.parent / found[1]).resolve() if found[1] else of_part.get(page, page)
+        )
+        now = moved.get((target, found[2]), target)
+        if target not in of_part.values():
+            return found[0]
+        place = "" if now == page else os.path.relpath(now, page.parent)
+        return f"]({place}#{found[2]})"
+
+    return re.sub(r"\]\(([^)#:\s]*)#([^)\s]+)\)", link, text)
 
 
 # -- pages whose code is run -------------------------------------------------------------------------------------------
@@ -258,7 +387,9 @@ def _figure(picture: pictures.Picture, page: Path) -> str:
     file = folder / f"{hashlib.sha256(picture.svg.encode()).hexdigest()[:16]}.svg"
     file.write_text(picture.svg, encoding="utf-8")
     up = "../" * (len(page.relative_to(ROOT / "site" / "pages").parts) - 1)
-    return f'\n<figure tabindex="0"><img class="picture" src="{up}pictures/{file.name}" alt="{picture.alt}"></figure>\n\n'
+    place = f"{up}pictures/{file.name}"
+    image = f'<img class="picture" src="{place}" alt="{picture.alt}">'
+    return f'\n<figure><a href="{place}">{image}</a></figure>\n\n'
 
 
 def _shown(result: tuple[str, Any], page: Path) -> str:

@@ -25,13 +25,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-sys.path[:0] = [str(ROOT / "src"), str(ROOT / "site")]
+PAGE = ROOT / "site" / "explorer"
+sys.path[:0] = [str(ROOT / "src"), str(ROOT / "site"), str(PAGE)]
 
 import browser_python  # noqa: E402  needs the path above
 import numpy_wheel  # noqa: E402
+from explorer import answer  # noqa: E402
 from robot_zoo.exhibit import robot_files, stands_alone, usual_folders  # noqa: E402  needs the path above
 
-PAGE = ROOT / "site" / "explorer"
 LOCK = json.loads((PAGE / "lock.json").read_text())
 BROWSER, NATIVE = "pyemscripten_2026_0_wasm32", "manylinux2014_x86_64"
 RELEASE = "https://cdn.jsdelivr.net/pyodide/v{version}/full/{file}"
@@ -132,6 +133,11 @@ def _copy_robots(robots: Sequence[Path], public: Sequence[Path], folder: Path) -
             if (folder.parent / "zoo" / slug / "index.html").exists()
         ]
     (folder / "robots" / "robots.json").write_text(json.dumps(pages))
+    # what a visitor sees while Python is loading
+    first = next(iter(pages))
+    text = (folder / "robots" / first).read_text(encoding="utf-8")
+    reply = answer(json.dumps({"name": first, "text": text, "changes": {}}))
+    (folder / "robots" / "first.json").write_text(reply)
 
 
 # -- from npm ----------------------------------------------------------------------------------------------------------

@@ -9,12 +9,17 @@ const OPEN = 120; // closed forms that are shown at once; of larger robots one o
 /** Show a reply; `before` is the last one, or null for another robot. */
 export function showAnswer(reply, before, { preferred, prefer, light }) {
   byId("headline").textContent = reply.headline;
+  const alone = Object.values(reply.classes).filter((kind) => kind === "alone").length;
+  byId("counts").textContent = `${counted(reply.rank, "combination")}; ${counted(alone, "parameter")} known alone`;
   const moved = changed(reply, before);
+  byId("changed").hidden = !before;
   fill(byId("differences"), sentences(reply, before, moved).map((text) => element("li", {}, text)));
   table(reply, moved, preferred, prefer, light);
   forms(reply);
   fill(byId("facts"), reply.facts.flatMap(([label, text]) => [element("dt", {}, label), element("dd", {}, ...linked(text))]));
 }
+
+const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
 
 /** A text in which files of the documentation are links to its pages. */
 function linked(text) {
@@ -47,7 +52,7 @@ function changed(reply, before) {
 }
 
 function sentences(reply, before, moved) {
-  if (!before) return [`${reply.rank} of ${reply.standard} parameters can be told apart.`];
+  if (!before) return [];
   const said = [`Base parameters: ${before.rank} → ${reply.rank}.`];
   for (const [step, names] of Object.entries(moved)) if (names.length) said.push(`${step}: ${names.join(", ")}`);
   const was = new Map(before.forms.map((form) => [form.name, form.text]));

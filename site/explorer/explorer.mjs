@@ -45,19 +45,28 @@ async function deriveOnce() {
   if (since) byId("status").textContent = "Deriving …";
   const started = performance.now();
   const request = await requested();
-  const reply = request.error ? request : await ask(request);
+  const reply = request.error ? request : await answered(request);
   if (pending) return;
   answer.removeAttribute("aria-busy");
   if (reply.error) return showError(reply.error);
   const seconds = performance.now() / 1000 - Math.max(started / 1000, since ?? 0);
   byId("error").hidden = true;
-  byId("result").hidden = byId("arm").hidden = false;
-  byId("status").textContent = `Answered in ${seconds.toFixed(2)} s; ready ${since?.toFixed(1)} s after the visit began.`;
+  byId("result").hidden = byId("arm").hidden = byId("counts").hidden = false;
+  byId("status").textContent = since
+    ? `Answered in ${seconds.toFixed(2)} s; ready ${since.toFixed(1)} s after the visit began.`
+    : "Answered when this page was built; Python is loading …";
   showAnswer(reply, shown, { preferred: state.changes.prefer, prefer, light });
   shown = reply;
   showChoices();
   await draw(reply);
   answer.dataset.answered = ++answers;
+}
+
+/** The reply of Echelon, or before it is ready the one that the page brings for the first robot as its file describes it. */
+async function answered(request) {
+  const first = state.robot && state.robot === Object.keys(robots)[0];
+  const usual = JSON.stringify(request.changes) === JSON.stringify(USUAL);
+  return !since && first && usual ? (await fetch("robots/first.json")).json() : ask(request);
 }
 
 async function requested() {
@@ -72,12 +81,11 @@ async function requested() {
 function showError(text) {
   byId("error").textContent = text;
   byId("error").hidden = false;
-  byId("result").hidden = byId("arm").hidden = true;
+  byId("result").hidden = byId("arm").hidden = byId("counts").hidden = true;
   byId("headline").textContent = "No answer";
   byId("status").textContent = "";
   byId("answer").removeAttribute("aria-busy");
   byId("answer").dataset.answered = ++answers;
-  shown = null;
 }
 
 async function draw(reply) {
@@ -87,7 +95,7 @@ async function draw(reply) {
     return;
   }
   try {
-    const { Arm } = await drawing;
+    const { Arm } = await import("./arm.mjs");
     arm ??= new Arm(byId("canvas"), byId("legend"), light);
     arm.show(reply);
   } catch (error) {
@@ -253,14 +261,14 @@ async function visit() {
   await update({ fresh: true, keep: true });
 }
 
-const drawing = ready.then((seconds) => {
-  since = seconds;
-  return import("./arm.mjs"); // it is fetched while the first answer is derived
-});
-drawing.catch(() => {}); // who draws says it
-
 async function begin() {
-  ready.catch((error) => showError(`echelon: ${error.message}`));
+  ready.then(async (seconds) => {
+    since = seconds;
+    import("./arm.mjs").catch(() => {}); // it is fetched while the first answer is derived; who draws says why not
+    if (running || !shown) return;
+    byId("status").textContent = `Ready ${since.toFixed(1)} s after the visit began.`;
+    await ask(await requested()); // the first click finds everything imported
+  }).catch((error) => showError(`echelon: ${error.message}`));
   editor = new Editor(byId("editor"), byId("words"), await (await fetch("robot.schema.json")).json());
   robots = await (await fetch("robots/robots.json")).json();
   fill(byId("choice"), [option("", "own file"), ...Object.keys(robots).map((name) => option(name))]);

@@ -134,6 +134,11 @@ def read(name: str, text: str, changes: Changes) -> Mechanism:
             f"MJCF is read by MuJoCo, which no browser has; on a computer: {on_a_computer}",
             source=name,
         )
+    if not file.is_description and "<xacro:" in text:
+        raise InputError(
+            f"the explorer does not read xacro; on a computer: xacro {name} > robot.urdf, then drop robot.urdf here",
+            source=name,
+        )
     return file.mechanism(
         ReadingOptions(floating=changes.floating, gravity=changes.gravity)
     )

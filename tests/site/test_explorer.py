@@ -204,6 +204,17 @@ def test_models_of_mujoco_are_refused_in_one_line() -> None:
     assert asked(EXAMPLES / "two_link.xml")["error"] == f"echelon: two_link.xml: {line}"
 
 
+def test_xacro_is_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf.xacro").write_text(
+        '<robot xmlns:xacro="http://ros.org/wiki/xacro" name="a"><xacro:link name="b"/></robot>'
+    )
+    line = "the explorer does not read xacro; on a computer: xacro arm.urdf.xacro > robot.urdf, then drop robot.urdf here"
+    assert (
+        asked(tmp_path / "arm.urdf.xacro")["error"]
+        == f"echelon: arm.urdf.xacro: {line}"
+    )
+
+
 def test_downloads_are_what_the_commands_write(tmp_path: Path) -> None:
     def written(kind: str) -> dict[str, str]:
         request = {
@@ -282,6 +293,7 @@ def seen(state: Answer) -> Answer:
 def test_a_first_visit(visit: Visit) -> None:
     (first,) = visit()
     assert seen(first) == told(PANDA)
+    assert first["counts"] == "43 combinations; 20 parameters known alone"
     assert first["picture"] == "drawn"
     assert len(first["classes"]) == 70
 
@@ -432,6 +444,35 @@ def test_a_bad_file_gives_the_line_of_the_command(visit: Visit, tmp_path: Path) 
     assert last["error"] == run("derive", "robot.yaml", cwd=tmp_path).stderr.rstrip(
         "\n"
     )
+
+
+_IN_FRONT = """(() => {
+  const { left, right, top, bottom } = document.querySelector("#error").getBoundingClientRect();
+  return document.elementFromPoint((left + right) / 2, (top + bottom) / 2)?.id;
+})()"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("screen", [LIGHT, PHONE])
+def test_an_error_is_seen_where_the_visitor_is(
+    screen: Any, visit: Visit, explorer: Explorer
+) -> None:
+    """Also far down the page; the choices stay, so that the visitor can take the last one back."""
+    explorer.browser.size(*screen[:2])
+    try:
+        *_, wrong, right = visit(
+            ("click", "#keep"),
+            ("choose", "#gravity", "none"),
+            ("choose", "#gravity", "file"),
+        )
+        assert "choose a direction of gravity" in wrong["error"]
+        assert right["error"] == ""
+        explorer.act("choose", "#gravity", "none")
+        explorer.browser.evaluate("document.querySelector('#keep').scrollIntoView()")
+        assert explorer.browser.evaluate(_IN_FRONT) == "error"
+        explorer.act("click", "#joints [data-name=j3]")
+    finally:
+        explorer.browser.size(1400, 900)
 
 
 @pytest.mark.slow

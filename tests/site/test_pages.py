@@ -17,6 +17,12 @@ from support.paths import ROOT
 from support.site_audit import DARK, LIGHT, PHONE, audited, complaints
 
 pytestmark = pytest.mark.slow
+TALLEST = 8000  # px of a page: a telephone shows ten screens of it
+CUT = """async () => ({
+  tall: document.documentElement.scrollHeight,
+  cut: [...document.querySelectorAll("article img")].filter((e) => e.getBoundingClientRect().right > innerWidth).length,
+})"""
+"""The height of a page, and how many of its pictures are wider than the screen."""
 
 
 @pytest.fixture(scope="module")
@@ -52,22 +58,18 @@ def test_pages_can_be_read(
     site: Path, tmp_path: Path, screen: tuple[int, int, bool]
 ) -> None:
     pages = pages_of(site)
-    found, asked = audited(site, tmp_path / "profile", pages, screen)
+    found, asked = audited(site, tmp_path / "profile", pages, screen, CUT)
     assert complaints(found) == {}
     assert len(pages) > 40
+    tall = {path: page["tall"] for path, page in found.items()}
+    assert {path: px for path, px in tall.items() if px > TALLEST} == {}
+    assert [path for path, page in found.items() if page["cut"]] == []
     inside = {
         link.lstrip("/").partition("#")[0]
         for page in found.values()
         for link in page["links"]
     }
-    optional = tuple(
-        part for part in ("zoo/", "explorer/") if not (site / part).exists()
-    )
-    assert [
-        link
-        for link in sorted(inside)
-        if not link.startswith(optional or ("?",)) and not (site / link).exists()
-    ] == []
+    assert [link for link in sorted(inside) if not (site / link).exists()] == []
     assert not [path for path in asked if "//" in path]
 
 

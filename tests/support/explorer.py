@@ -40,7 +40,7 @@ _STATE = """(() => {
   const at = (selector) => document.querySelector(selector);
   const all = (selector) => [...document.querySelectorAll(selector)];
   return {
-    headline: at("#headline").textContent, error: at("#error").hidden ? "" : at("#error").textContent,
+    headline: at("#headline").textContent, counts: at("#counts").hidden ? "" : at("#counts").textContent, error: at("#error").hidden ? "" : at("#error").textContent,
     forms: all("#forms li").sort((a, b) => a.value - b.value).map((item) => item.dataset.text),
     differences: all("#differences li").map((item) => item.textContent),
     facts: all("#facts dd").map((item) => item.textContent),
