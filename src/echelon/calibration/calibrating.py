@@ -29,7 +29,6 @@ from echelon.shared import (
     Flags,
     Floats,
     InputError,
-    extra,
     nearest_of,
     public,
     symbol_stem,
@@ -43,8 +42,6 @@ ALIKE, WORSE = 0.8, 1.5
 """Shares of what was left before: from these on nothing was explained, or held-out rows speak against the values."""
 SAME_ANGLE = 1e-5
 """Difference of angles as read and as written, rad, that no calibration tells."""
-LEVEL = 0.95
-"""Of the intervals."""
 HELD = 2
 """Every second row is held out from the fit that is judged."""
 
@@ -392,9 +389,6 @@ def _result(
     held: Observed,
 ) -> Calibration:
     """Everything that a user reads."""
-    with extra("identify"):
-        from scipy.special import stdtrit
-
     model, data = fit.model, fit.data
     before = fit.sizes(fit.residuals(nominal, held))
     after = fit.sizes(fit.residuals(judged.state, held))
@@ -419,18 +413,12 @@ def _result(
                     float(noise),
                 )
             )
-    deviations = np.sqrt(np.diag(found.covariance))
     usual = np.sqrt(np.diag(found.spread))
     hidden = [
         p
-        for p, d, u in zip(base.pivots, deviations, usual, strict=True)
+        for p, d, u in zip(base.pivots, found.deviations, usual, strict=True)
         if d > UNSEEN * u
     ]
-    free = (
-        int(sum(found.used[:, c.sight].sum() * c.per_row for c in fit.channels))
-        - base.rank
-    )
-    half = stdtrit(max(free, 1), (1 + LEVEL) / 2) * deviations
     errors = dict(
         zip((e.name for e in model.errors), found.state.errors.tolist(), strict=True)
     )
@@ -482,8 +470,8 @@ def _result(
     return Calibration(
         base,
         found.z,
-        deviations,
-        np.column_stack([found.z - half, found.z + half]),
+        found.deviations,
+        fit.intervals(found),
         tuple(hidden),
         redundant_sights(model, nominal.frames),
         kept,

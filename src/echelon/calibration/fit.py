@@ -48,6 +48,8 @@ OUTLYING = 1e-3
 """Probability that any of all rows would be taken for an outlier if noise were normal."""
 MOST_OUTLIERS = 0.2
 """Share of rows beyond which they are the rule and no outliers."""
+LEVEL = 0.95
+"""Probability of the intervals."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,12 @@ class Fitted:
     outlying: Flags  # shape (N, sights)
     left_out: Flags  # those of them that are no part of the fit
     crowded: tuple[int, ...] = ()  # sights with too many far rows to call them outliers
+
+    @property
+    def deviations(self) -> Floats:
+        """Standard deviations of the combinations, shape (r,)."""
+        found: Floats = np.sqrt(np.diag(self.covariance))
+        return found
 
 
 class GeometryFit:
@@ -340,11 +348,24 @@ class GeometryFit:
             at, z, covariance, spread, used, named, self.data.present & ~used, crowded
         )
 
+    def intervals(self, found: Fitted) -> Floats:
+        """Intervals of the combinations, shape (r, 2)."""
+        with extra("identify"):
+            from scipy.special import stdtrit
+
+        free = self.numbers(found.used) - len(found.z)
+        half = stdtrit(max(free, 1), (1 + LEVEL) / 2) * found.deviations
+        return np.column_stack([found.z - half, found.z + half])
+
+    def numbers(self, used: Flags) -> int:
+        """How many independent numbers some rows hold."""
+        return sum(int(used[:, c.sight].sum()) * c.per_row for c in self.channels)
+
     def noise(
         self, state: State, used: Flags, parameters: int, *, robust: bool
     ) -> Floats:
         """Standard deviation of each channel, by what is left."""
-        numbers = sum(int(used[:, c.sight].sum()) * c.per_row for c in self.channels)
+        numbers = self.numbers(used)
         if numbers <= parameters and any(c.stated is None for c in self.channels):
             raise InputError(
                 f"{numbers} measured numbers do not tell {parameters} combinations of errors and their own noise: "
