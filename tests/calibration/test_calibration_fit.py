@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.optimize import least_squares
 
 import echelon as ec
 from echelon.calibration import calibration_document
@@ -19,7 +18,12 @@ from echelon.calibration.log import observed
 from echelon.identification import log_paths
 from echelon.robot import Mechanism
 from support.random_arms import random_arm
-from support.simulated_poses import body_frames, pinocchio_model, twist
+from support.simulated_poses import (
+    body_frames,
+    moved_onto,
+    pinocchio_model,
+    twist,
+)
 
 Floats = np.ndarray
 NOISE, TURNED = 1e-4, 5e-4
@@ -141,25 +145,12 @@ def touching_log(kind: str) -> Log:
             gap = place - CENTRE
             return gap if kind == "contact" else np.linalg.norm(gap)[None] - RADIUS
 
-        touched = [t for one in q if (t := moved_onto(off, one, rng)) is not None]
-        return table(truth.mechanism, np.array(touched))
+        def noise() -> Floats:
+            return rng.normal(scale=NOISE, size=off(q[0]).shape)
+
+        return table(truth.mechanism, moved_onto(off, q, noise))
 
     return log
-
-
-def moved_onto(
-    off: Callable[[Floats], Floats], at: Floats, rng: np.random.Generator
-) -> Floats | None:
-    """Positions near some others at which a function is nothing but noise, by Newton steps; None out of reach."""
-    noise, step = rng.normal(scale=NOISE, size=off(at).shape), 1e-6
-    for _ in range(20):
-        gap = off(at) - noise
-        if np.abs(gap).max() < 1e-9:
-            return at
-        turned = [off(at + one) - noise for one in step * np.eye(len(at))]
-        slopes = (np.array(turned) - gap).T / step
-        at = at - np.clip(np.linalg.pinv(slopes) @ gap, -0.5, 0.5)
-    return None
 
 
 Log = Callable[[Truth, Floats, np.random.Generator], dict[str, Floats]]

@@ -20,7 +20,7 @@ from echelon.algebra import (
     is_trigonometric,
     multiple_of,
 )
-from echelon.robot import UNITS
+from echelon.base.matrix import in_units
 from echelon.shared import PARAMETERS, one_line, public
 
 DECIMAL_DIGITS = 9
@@ -96,8 +96,7 @@ def _readable(
     group: ParameterGroup, value: Callable[[RationalFunction], float | None]
 ) -> ParameterGroup:
     terms = count_terms(group.coefficient)
-    in_units = not set(UNITS).isdisjoint(group.coefficient.symbols())
-    if terms <= MOST_TERMS and not in_units:
+    if terms <= MOST_TERMS and not in_units(group.coefficient):
         return group
     number = value(group.coefficient)
     if number is None:

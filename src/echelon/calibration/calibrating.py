@@ -21,7 +21,7 @@ from echelon.calibration.log import observed
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import sights_of
 from echelon.formats import MeasureEntry, RobotFile, WrittenRobot, calibrated_robot
-from echelon.identification import Setup, log_paths, setup_of
+from echelon.identification import Setup, listed, log_paths, setup_of
 from echelon.robot import Mechanism
 from echelon.shared import (
     CalibrationErrors,
@@ -38,6 +38,8 @@ UNSEEN = 0.5
 """Share of the usual deviation of a combination that is left when the log says nothing of it."""
 FAR = 3.0
 """Size of what is left, beside usual errors, that no calibrated geometry leaves."""
+LARGE = 5.0
+"""Size of a combination, beside its usual deviation, that builders do not leave: 50 mm, or 9°."""
 ALIKE, WORSE = 0.8, 1.5
 """Shares of what was left before: from these on nothing was explained, or held-out rows speak against the values."""
 SAME_ANGLE = 1e-5
@@ -325,9 +327,8 @@ def calibration_base(
     Parameters
     ----------
     robot, measure, errors, seed
-        As for :func:`calibrate`.  Tools are where their bodies are, at the stated points, and the outer frames of free
-        measurements are those of the base: the fixed point of a distance then is a special one, and one elsewhere may
-        show more.
+        As for :func:`calibrate`.  Tools are where their bodies are, at the stated points; markers at unknown places and
+        fixed points of distances are where ``seed`` puts them, in general position.
 
     Returns
     -------
@@ -464,6 +465,7 @@ def _result(
             "leaves of the others, too many to be outliers, and all are kept: look for a log of two set-ups"
             for k in found.crowded
         ),
+        *_large(base, found.z, usual),
     )
     for doubt in doubts:
         warnings.warn(doubt, DoubtWarning, stacklevel=3)
@@ -509,6 +511,18 @@ def _doubts(scores: Sequence[CalibrationScore]) -> tuple[str, ...]:
                 "measure more poses"
             )
     return tuple(found)
+
+
+def _large(base: LinearBase, z: Floats, usual: Floats) -> tuple[str, ...]:
+    """Values that no builder of robots leaves."""
+    far = np.flatnonzero(np.abs(z) > LARGE * usual)
+    shown = [f"{base.pivots[k]} ({z[k]:.2g} {base.units[k]})" for k in far]
+    if not shown:
+        return ()
+    return (
+        f"more than {LARGE:g} times what is usual: {listed(shown)}: a zero position may be that far off; if none is, look "
+        "for a joint that turns the other way, another order of joints, and other units or zeros of the log",
+    )
 
 
 def _outliers(model: ErrorModel, data: Observed, outlying: Flags) -> tuple[str, ...]:

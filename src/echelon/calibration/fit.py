@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -40,6 +40,8 @@ SAME_COST = 1e-3
 """Relative difference of fits that count as one."""
 START_ROWS = 25
 """Rows by which starts are compared."""
+MOST_STEPS = 30
+"""Evaluations of one fit at most: those that come near take ten."""
 ROUNDS = 3
 """Estimates of the noise, each with the weights of the one before."""
 GROSS = 8.0
@@ -192,7 +194,6 @@ class GeometryFit:
         loss: Loss,
         start: Floats | None = None,
         columns: Sequence[int] | None = None,
-        **options: Any,
     ) -> tuple[Floats, Floats]:
         """Coordinates of the errors along some directions, and the Jacobian of all weighted rows there."""
         with extra("identify"):
@@ -217,7 +218,9 @@ class GeometryFit:
             return np.vstack([found[keep], prior])
 
         start = np.zeros(basis.shape[1]) if start is None else start
-        found = least_squares(value, start, slope, loss=loss, x_scale="jac", **options)
+        found = least_squares(
+            value, start, slope, loss=loss, x_scale="jac", max_nfev=MOST_STEPS
+        )
         jacobian = np.asarray(found.jac, dtype=float)
         return found.x, jacobian
 
@@ -235,7 +238,7 @@ class GeometryFit:
         for count in range(STARTS):
             state = replace(self.nominal(rng if count else None), noise=noise)
             for _ in range(2):
-                state = small.framed(state, max_nfev=25)
+                state = small.framed(state)
             cost = small.cost(state)
             if cost < lowest * (1 - SAME_COST):
                 often = 0
@@ -261,7 +264,7 @@ class GeometryFit:
         """Sum of squares of weighted rows."""
         return float(((self.residuals(state) * self.scales(state.noise)) ** 2).sum())
 
-    def framed(self, state: State, loss: Loss = "soft_l1", **options: Any) -> State:
+    def framed(self, state: State) -> State:
         """A state with frames nearer to the best ones, and no errors of them."""
         columns = np.flatnonzero(self.unknown)
         basis = np.eye(len(self.usual))[:, columns]
@@ -271,9 +274,8 @@ class GeometryFit:
             basis,
             prior,
             self.data.present,
-            loss,
+            "soft_l1",
             columns=columns.tolist(),
-            **options,
         )
         return self.absorbed(replace(state, errors=state.errors + basis @ z))
 
