@@ -10,7 +10,7 @@ import pytest
 import echelon as ec
 from echelon.robot import Mechanism, MotionKind
 from support.random_arms import random_arm
-from support.simulated_poses import body_frames, pinocchio_model
+from support.simulated_poses import body_frames, moved_onto, pinocchio_model
 
 POINT = (0.13, -0.04, 0.21)
 GAP = 1e3
@@ -103,7 +103,10 @@ def check(kind: str, seed: int) -> None:
     entry = {k: tip if v == "TIP" else v for k, v in ENTRIES[kind].items()}
     base = ec.calibration_base(arm, measure=[entry])
     q = rng.uniform(-2, 2, (80, len(arm.positions)))
-    x, d = slopes(arm, q, np.eye(4), np.eye(4))
+    outer = np.eye(4)
+    if kind == "distance":  # from a point in general position
+        outer[:3, 3] = [base.model.values[f"{axis}_distance1"] for axis in "xyz"]
+    x, d = slopes(arm, q, outer, np.eye(4))
     rows = measured_rows(kind, x, d)
     names = [
         f"{c}{label}"
@@ -115,8 +118,7 @@ def check(kind: str, seed: int) -> None:
         for c in ("px", "py", "pz", "rx", "ry", "rz")
     ]
     assert set(base.parameters) <= set(names)
-    left_out = [k for k, name in enumerate(names) if name not in base.parameters]
-    assert not rows[:, left_out].any()
+    rank_by_gap(rows, base.rank)  # errors that are no parameters add nothing
     order = [names.index(name) for name in base.parameters]
     rows = rows[:, order]
     rank_by_gap(rows, base.rank)
@@ -126,6 +128,64 @@ def check(kind: str, seed: int) -> None:
     np.testing.assert_allclose(
         rows[:, pivots] @ b, rows, atol=1e-9 * np.abs(rows).max()
     )
+
+
+RADIUS = 0.3
+
+
+def touched_rows(kind: str, arm: Mechanism, rng: np.random.Generator) -> np.ndarray:
+    """Slopes of what vanishes where a tool touches something, at states that touch it."""
+    model, point = pinocchio_model(arm), np.array([*POINT, 1])
+
+    def seen(q: np.ndarray) -> np.ndarray:
+        return (np.array(body_frames(model, q[None], {}))[0, -1] @ point)[:3]
+
+    q = rng.uniform(-2, 2, (60, len(arm.positions)))
+    outer = np.eye(4)
+    outer[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    outer[:3, 3] = seen(q[0]) - (RADIUS if kind == "sphere" else 0) * outer[:3, 0]
+
+    def off(one: np.ndarray) -> np.ndarray:
+        away = outer[:3, :3].T @ (seen(one) - outer[:3, 3])
+        if kind == "sphere":
+            return np.linalg.norm(away)[None] - RADIUS
+        return away[2:] if kind == "plane" else away
+
+    near = q[0] + rng.uniform(-1, 1, q.shape)
+    at = moved_onto(off, near, lambda: np.zeros(1))
+    x, d = slopes(arm, at, outer, np.eye(4))
+    moves = (d @ point)[:, :, :3]
+    if kind == "sphere":
+        return np.einsum("ni,nei->ne", (x @ point)[:, :3], moves)
+    rows = moves[:, :, 2:] if kind == "plane" else moves
+    return rows.transpose(0, 2, 1).reshape(-1, d.shape[1])
+
+
+def check_touched(kind: str, seed: int) -> None:
+    """Compare the rank of a random arm that touches something with that of slopes by Pinocchio."""
+    rng = np.random.default_rng(seed)
+    arm = random_arm(rng, 5)
+    entry: dict[str, Any] = {kind: arm.bodies[-1].name, "point": POINT}
+    if kind == "sphere":
+        entry["length"] = RADIUS
+    rank_by_gap(
+        touched_rows(kind, arm, rng), ec.calibration_base(arm, measure=[entry]).rank
+    )
+
+
+SURFACES = ("plane", "sphere", "contact")
+
+
+@pytest.mark.parametrize("kind", SURFACES)
+def test_touched_surfaces_show_what_jacobians_show(kind: str) -> None:
+    check_touched(kind, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SURFACES)
+@pytest.mark.parametrize("seed", range(2, 31))
+def test_more_touched_surfaces_show_what_jacobians_show(kind: str, seed: int) -> None:
+    check_touched(kind, seed)
 
 
 def test_panda() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 
 import numpy as np
@@ -63,3 +63,21 @@ def body_frames(
             frames.append(frames[model.parents[joint]] * local)
         found.append([frame.homogeneous for frame in frames[1:]])
     return found
+
+
+def moved_onto(
+    off: Callable[[Floats], Floats], q: Floats, noise: Callable[[], Floats]
+) -> Floats:
+    """Positions near some others, shape (N, n), at which a function is nothing but noise; without those out of reach."""
+    found, step = [], 1e-6
+    for one in q:
+        at, wanted = one, noise()
+        for _ in range(20):
+            gap = off(at) - wanted
+            if np.abs(gap).max() < 1e-10:
+                found.append(at)
+                break
+            moved = [off(at + by) - wanted for by in step * np.eye(len(at))]
+            slopes = (np.array(moved) - gap).T / step
+            at = at - np.clip(np.linalg.pinv(slopes) @ gap, -0.5, 0.5)
+    return np.array(found)

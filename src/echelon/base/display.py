@@ -184,7 +184,7 @@ def facts(
 def _linear_facts(base: _LinearSet) -> list[tuple[str, str]]:
     values = {
         n: v
-        for n, v in base.model.constants.items()
+        for n, v in {**base.model.constants, **base.model.generic}.items()
         if v is not None and n in base.matrix.symbols
     }
     return [

@@ -20,6 +20,7 @@ from echelon.algebra import (
     is_trigonometric,
     multiple_of,
 )
+from echelon.base.matrix import in_units
 from echelon.shared import PARAMETERS, one_line, public
 
 DECIMAL_DIGITS = 9
@@ -73,7 +74,10 @@ class Expression:
         return max(count_terms(group.coefficient) for group in self.groups)
 
     def readable(self, value: Callable[[RationalFunction], float | None]) -> Expression:
-        """An expression for people: long coefficients are their value, or the count of their terms where it is None."""
+        """An expression for people: long coefficients are their value, or the count of their terms where it is None.
+
+        So are coefficients in units of angles, which no user has named.
+        """
         return replace(
             self, groups=tuple(_readable(group, value) for group in self.groups)
         )
@@ -92,7 +96,7 @@ def _readable(
     group: ParameterGroup, value: Callable[[RationalFunction], float | None]
 ) -> ParameterGroup:
     terms = count_terms(group.coefficient)
-    if terms <= MOST_TERMS:
+    if terms <= MOST_TERMS and not in_units(group.coefficient):
         return group
     number = value(group.coefficient)
     if number is None:

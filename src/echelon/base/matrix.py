@@ -34,7 +34,7 @@ from echelon.algebra import (
     residues_at,
     sympy_number,
 )
-from echelon.robot import Parameter
+from echelon.robot import UNITS, Parameter
 from echelon.shared import PARAMETERS, EchelonError, InputError, Order, extra, shortened
 
 if TYPE_CHECKING:
@@ -209,10 +209,15 @@ NEGLIGIBLE_ERROR = 1e-30
 _PRECISIONS = (128, 512, 2048)
 
 
-def _quotient_value(
+def in_units(coefficient: RationalFunction) -> bool:
+    """Whether units of angles stand in a coefficient, whose degree in them may be large."""
+    return not set(UNITS).isdisjoint(coefficient.symbols())
+
+
+def _ball_value(
     coefficient: RationalFunction, symbols: Mapping[str, float]
 ) -> float:
-    """A quotient by balls, because both parts of a long one may be sums that cancel but for 1e-12 of their terms."""
+    """A coefficient by balls, because long ones may be sums that cancel but for 1e-12 of their terms."""
     from echelon.algebra import ball
 
     for bits in _PRECISIONS:
@@ -236,10 +241,10 @@ def coefficient_value(
 ) -> float:
     """A coefficient in double precision."""
     try:
-        if coefficient.is_polynomial:
+        if coefficient.is_polynomial and not in_units(coefficient):
             value = coefficient.numerator.at(symbols)
         else:
-            value = _quotient_value(coefficient, symbols)
+            value = _ball_value(coefficient, symbols)
     except ZeroDivisionError:
         problem = f"the denominator {coefficient.denominator} is zero at these values of the symbols"
         raise InputError(f"{problem}: other representatives are needed") from None

@@ -21,7 +21,7 @@ from echelon.calibration.log import observed
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import sights_of
 from echelon.formats import MeasureEntry, RobotFile, WrittenRobot, calibrated_robot
-from echelon.identification import Setup, log_paths, setup_of
+from echelon.identification import Setup, listed, log_paths, setup_of
 from echelon.robot import Mechanism
 from echelon.shared import (
     CalibrationErrors,
@@ -29,7 +29,6 @@ from echelon.shared import (
     Flags,
     Floats,
     InputError,
-    extra,
     nearest_of,
     public,
     symbol_stem,
@@ -39,12 +38,12 @@ UNSEEN = 0.5
 """Share of the usual deviation of a combination that is left when the log says nothing of it."""
 FAR = 3.0
 """Size of what is left, beside usual errors, that no calibrated geometry leaves."""
+LARGE = 5.0
+"""Size of a combination, beside its usual deviation, that builders do not leave: 50 mm, or 9°."""
 ALIKE, WORSE = 0.8, 1.5
 """Shares of what was left before: from these on nothing was explained, or held-out rows speak against the values."""
 SAME_ANGLE = 1e-5
 """Difference of angles as read and as written, rad, that no calibration tells."""
-LEVEL = 0.95
-"""Of the intervals."""
 HELD = 2
 """Every second row is held out from the fit that is judged."""
 
@@ -328,9 +327,8 @@ def calibration_base(
     Parameters
     ----------
     robot, measure, errors, seed
-        As for :func:`calibrate`.  Tools are where their bodies are, at the stated points, and the outer frames of free
-        measurements are those of the base: the fixed point of a distance then is a special one, and one elsewhere may
-        show more.
+        As for :func:`calibrate`.  Tools are where their bodies are, at the stated points; markers at unknown places and
+        fixed points of distances are where ``seed`` puts them, in general position.
 
     Returns
     -------
@@ -392,9 +390,6 @@ def _result(
     held: Observed,
 ) -> Calibration:
     """Everything that a user reads."""
-    with extra("identify"):
-        from scipy.special import stdtrit
-
     model, data = fit.model, fit.data
     before = fit.sizes(fit.residuals(nominal, held))
     after = fit.sizes(fit.residuals(judged.state, held))
@@ -419,18 +414,12 @@ def _result(
                     float(noise),
                 )
             )
-    deviations = np.sqrt(np.diag(found.covariance))
     usual = np.sqrt(np.diag(found.spread))
     hidden = [
         p
-        for p, d, u in zip(base.pivots, deviations, usual, strict=True)
+        for p, d, u in zip(base.pivots, found.deviations, usual, strict=True)
         if d > UNSEEN * u
     ]
-    free = (
-        int(sum(found.used[:, c.sight].sum() * c.per_row for c in fit.channels))
-        - base.rank
-    )
-    half = stdtrit(max(free, 1), (1 + LEVEL) / 2) * deviations
     errors = dict(
         zip((e.name for e in model.errors), found.state.errors.tolist(), strict=True)
     )
@@ -476,14 +465,15 @@ def _result(
             "fit of the others, too many for outliers, and all are kept: check for a log of two set-ups"
             for k in found.crowded
         ),
+        *_large(base, found.z, usual),
     )
     for doubt in doubts:
         warnings.warn(doubt, DoubtWarning, stacklevel=3)
     return Calibration(
         base,
         found.z,
-        deviations,
-        np.column_stack([found.z - half, found.z + half]),
+        found.deviations,
+        fit.intervals(found),
         tuple(hidden),
         redundant_sights(model, nominal.frames),
         kept,
@@ -521,6 +511,18 @@ def _doubts(scores: Sequence[CalibrationScore]) -> tuple[str, ...]:
                 f"with {end}: measure more poses"
             )
     return tuple(found)
+
+
+def _large(base: LinearBase, z: Floats, usual: Floats) -> tuple[str, ...]:
+    """Values that no builder of robots leaves."""
+    far = np.flatnonzero(np.abs(z) > LARGE * usual)
+    shown = [f"{base.pivots[k]} ({z[k]:.2g} {base.units[k]})" for k in far]
+    if not shown:
+        return ()
+    return (
+        f"more than {LARGE:g} times what is usual: {listed(shown)}: a zero position may be that far off; if none is, look "
+        "for a joint that turns the other way, another order of joints, and other units or zeros of the log",
+    )
 
 
 def _outliers(model: ErrorModel, data: Observed, outlying: Flags) -> tuple[str, ...]:

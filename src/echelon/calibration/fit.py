@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -40,6 +40,8 @@ SAME_COST = 1e-3
 """Relative difference of fits that count as one."""
 START_ROWS = 25
 """Rows by which starts are compared."""
+MOST_STEPS = 30
+"""Evaluations of one fit at most: those that come near take ten."""
 ROUNDS = 3
 """Estimates of the noise, each with the weights of the one before."""
 GROSS = 8.0
@@ -48,6 +50,8 @@ OUTLYING = 1e-3
 """Probability that any of all rows would be taken for an outlier if noise were normal."""
 MOST_OUTLIERS = 0.2
 """Share of rows beyond which they are the rule and no outliers."""
+LEVEL = 0.95
+"""Probability of the intervals."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,12 @@ class Fitted:
     left_out: Flags  # those of them that are no part of the fit
     crowded: tuple[int, ...] = ()  # sights with too many far rows to call them outliers
 
+    @property
+    def deviations(self) -> Floats:
+        """Standard deviations of the combinations, shape (r,)."""
+        found: Floats = np.sqrt(np.diag(self.covariance))
+        return found
+
 
 class GeometryFit:
     """Fits an error model to a log."""
@@ -184,7 +194,6 @@ class GeometryFit:
         loss: Loss,
         start: Floats | None = None,
         columns: Sequence[int] | None = None,
-        **options: Any,
     ) -> tuple[Floats, Floats]:
         """Coordinates of the errors along some directions, and the Jacobian of all weighted rows there."""
         with extra("identify"):
@@ -209,7 +218,9 @@ class GeometryFit:
             return np.vstack([found[keep], prior])
 
         start = np.zeros(basis.shape[1]) if start is None else start
-        found = least_squares(value, start, slope, loss=loss, x_scale="jac", **options)
+        found = least_squares(
+            value, start, slope, loss=loss, x_scale="jac", max_nfev=MOST_STEPS
+        )
         jacobian = np.asarray(found.jac, dtype=float)
         return found.x, jacobian
 
@@ -227,7 +238,7 @@ class GeometryFit:
         for count in range(STARTS):
             state = replace(self.nominal(rng if count else None), noise=noise)
             for _ in range(2):
-                state = small.framed(state, max_nfev=25)
+                state = small.framed(state)
             cost = small.cost(state)
             if cost < lowest * (1 - SAME_COST):
                 often = 0
@@ -253,7 +264,7 @@ class GeometryFit:
         """Sum of squares of weighted rows."""
         return float(((self.residuals(state) * self.scales(state.noise)) ** 2).sum())
 
-    def framed(self, state: State, loss: Loss = "soft_l1", **options: Any) -> State:
+    def framed(self, state: State) -> State:
         """A state with frames nearer to the best ones, and no errors of them."""
         columns = np.flatnonzero(self.unknown)
         basis = np.eye(len(self.usual))[:, columns]
@@ -263,9 +274,8 @@ class GeometryFit:
             basis,
             prior,
             self.data.present,
-            loss,
+            "soft_l1",
             columns=columns.tolist(),
-            **options,
         )
         return self.absorbed(replace(state, errors=state.errors + basis @ z))
 
@@ -340,11 +350,24 @@ class GeometryFit:
             at, z, covariance, spread, used, named, self.data.present & ~used, crowded
         )
 
+    def intervals(self, found: Fitted) -> Floats:
+        """Intervals of the combinations, shape (r, 2)."""
+        with extra("identify"):
+            from scipy.special import stdtrit
+
+        free = self.numbers(found.used) - len(found.z)
+        half = stdtrit(max(free, 1), (1 + LEVEL) / 2) * found.deviations
+        return np.column_stack([found.z - half, found.z + half])
+
+    def numbers(self, used: Flags) -> int:
+        """How many independent numbers some rows hold."""
+        return sum(int(used[:, c.sight].sum()) * c.per_row for c in self.channels)
+
     def noise(
         self, state: State, used: Flags, parameters: int, *, robust: bool
     ) -> Floats:
         """Standard deviation of each channel, by what is left."""
-        numbers = sum(int(used[:, c.sight].sum()) * c.per_row for c in self.channels)
+        numbers = self.numbers(used)
         if numbers <= parameters and any(c.stated is None for c in self.channels):
             raise InputError(
                 f"{numbers} measured numbers cannot determine {parameters} combinations of errors and the noise: "

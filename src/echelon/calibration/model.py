@@ -211,7 +211,8 @@ class ErrorModel:
         ----------
         frames : mapping of str to array of shape (4, 4), optional
             Nominal places of tools on their bodies and of outer frames, near which the set holds.  By default tools
-            are at the frames of their bodies, and surfaces where random positions touch them.
+            are at the frames of their bodies, markers and centres of distances anywhere, and surfaces where random
+            positions touch them.
         pose : array of shape (n,), optional
             Positions at which all surfaces are touched.
         seed : int
@@ -242,6 +243,7 @@ class ErrorModel:
                 element=f"symbol '{min(silent)}'",
             )
         mechanism = in_numbers(self.mechanism) if closed else rational(self.mechanism)
+        anywhere = {s.unplaced for s in free}
         found: list[Mechanism] = []
         recorders: list[ErredRecorder] = []
         for count, sights in enumerate(groups):
@@ -256,7 +258,7 @@ class ErrorModel:
             seen = SightRecorder(
                 recorder,
                 sights,
-                _nominal(recorder, places, {s.tool for s in sights if s.is_marker}),
+                _nominal(recorder, places, anywhere),
                 rational=True,
             )
             for sight, frame in seen.relative():
@@ -272,12 +274,14 @@ class ErrorModel:
         table = _independent_rows(
             at_zero, dict(zip(slopes, kept, strict=True)), len(inputs)
         )
-        numbers = stated_values(mechanism).numbers
+        numbers, rng = stated_values(mechanism).numbers, np.random.default_rng(seed)
         constants = {
             i.name: _rational(numbers.get(i.name))
             for i in at_zero.inputs.values()
             if i.role == "symbol"
         }
+        for name in sorted(constants.keys() - mechanism.symbols.keys()):  # of places anywhere
+            constants[name] = Fraction(int(rng.integers(100, 1000)), 1000)
         model = LinearModel.recorded(
             at_zero,
             table,
@@ -346,14 +350,14 @@ def _rational(value: object) -> int | Fraction | None:
 
 
 def _nominal(
-    recorder: Recorder, places: Mapping[str, Placement], markers: Collection[str]
+    recorder: Recorder, places: Mapping[str, Placement], anywhere: Collection[str]
 ) -> Nominal:
-    """Nominal places of ends: numbers, symbols for markers that may be anywhere, or the frames of their bodies."""
+    """Nominal places of ends: numbers, symbols for those that may be anywhere, or the frames of their bodies."""
 
     def step(name: str) -> RecordedStep | None:
         if name in places:
             return recorder.placement(places[name])
-        if name not in markers:
+        if name not in anywhere:
             return None
         stem = symbol_stem(name)
         x, y, z = (recorder.program.input(f"{axis}{stem}", "symbol") for axis in "xyz")

@@ -30,8 +30,8 @@ CANDIDATES = 2000
 """Random poses among which the best ones are chosen."""
 EXCHANGES = 5
 """Rounds of exchanges at most."""
-HAND = 0.1
-"""Distance of markers at unknown places from their body's frame, along each axis, m."""
+HAND, REACH = 0.1, 1.0
+"""Distances along each axis, m, of markers at unknown places from their body's frame, and of centres of distances."""
 NOISE = {"m": 1e-4, "rad": 1e-3}
 """Standard deviations of measurements that the set-up does not state: a good tracker's."""
 
@@ -115,8 +115,10 @@ def calibration_poses(
     fit = GeometryFit.without_data(model, seed)
     state = fit.nominal()
     rng = np.random.default_rng(seed)
-    for marker in [sight.tool for sight in model.sights if sight.is_marker]:
-        state.frames[marker][:3, 3] += rng.uniform(-HAND, HAND, 3)
+    for sight in model.sights:
+        if sight.unplaced:
+            far = HAND if sight.is_marker else REACH
+            state.frames[sight.unplaced][:3, 3] += rng.uniform(-far, far, 3)
     base = model.base(state.frames, seed=seed)
     noise = np.array([c.stated or NOISE[c.unit] for c in fit.channels])
     _, lift, prior = lift_of(base.B_float(), fit.usual)

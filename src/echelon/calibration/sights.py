@@ -86,6 +86,13 @@ class Sight:
         return self.entry is not None and self.entry.points.get(self.tool, ()) is None
 
     @property
+    def unplaced(self) -> str:
+        """The end whose place matters and nobody knows: a marker, or the centre of a distance; empty if none."""
+        if self.is_marker:
+            return self.tool
+        return self.frame if self.kind == "distance" else ""
+
+    @property
     def measured(self) -> int:
         """Numbers that the log holds for each row."""
         fixed = self.kind == "distance" and self.radius is not None

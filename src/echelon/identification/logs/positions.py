@@ -20,25 +20,26 @@ def logged_positions(
 ) -> tuple[Floats, tuple[str, ...]]:
     """Positions (N, n), rad or m, of all free coordinates, and those that the log lacks, which stand at zero.
 
-    Columns are those of the first map; without maps, those whose names say what they are.
+    Columns are those of the first map that the table has all columns of; without maps, those whose names say what they
+    are.
     """
     unlogged: tuple[str, ...] = ()
     loops = bool(mechanism.closures)
     if loops:  # all joints are measured, as if nothing closed
         mechanism = replace(mechanism, closures=(), independent=(), assembly={})
     if columns:
-        positions = columns[0].positions
+        stated = next((m for m in columns if _is_of(m, table)), columns[0])
     else:
         found = guess(tuple(table.columns), mechanism, lambda: table, outputs=False)
         if found.problems:
             advice = "name the columns of positions under  log"
             raise InputError("; ".join([*found.problems, advice]), source=table.source)
-        positions, unlogged = found.columns.positions, found.unlogged
+        stated, unlogged = found.columns, found.unlogged
     logged = (
         lock_joints(mechanism, dict.fromkeys(unlogged, 0.0)) if unlogged else mechanism
     )
     # nothing moves while poses are measured, so that any clock will do
-    chosen = ColumnMap(rate=1.0, positions=positions)
+    chosen = ColumnMap(rate=1.0, positions=stated.positions, sensors=stated.sensors)
     found_q = recording(replace(table, clocks={}), chosen, logged).signals["q"]
     if found_q.shape[1] != len(logged.positions) or (loops and unlogged):
         raise InputError(
@@ -50,3 +51,7 @@ def logged_positions(
     for column, name in enumerate(logged.positions):
         q[:, mechanism.positions.index(name)] = found_q[:, column]
     return q, unlogged
+
+
+def _is_of(columns: ColumnMap, table: Table) -> bool:
+    return all(c.column in table.columns for c in columns.positions.values())

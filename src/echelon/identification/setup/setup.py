@@ -31,7 +31,12 @@ from echelon.formats import (
     open_robot,
     with_usual_effects,
 )
-from echelon.identification.logs.columns.column_map import ORDERS, Channel, ColumnMap
+from echelon.identification.logs.columns.column_map import (
+    ORDERS,
+    Channel,
+    ColumnMap,
+    coordinates,
+)
 from echelon.identification.logs.columns.motion_sensors import (
     MotionSensor,
     inclinometer,
@@ -404,7 +409,10 @@ class _LogSection:
         for name, entry in columns.items():
             path = f"{self.path}.{key}.{name}"
             if name not in (EVERY, DRIVES):
-                valid = [*names, *self.drives, *(self.sensors if key in ORDERS else ())]
+                valid = [*names, *self.drives]
+                if key in ORDERS:  # in loops also those that follow from others
+                    every = coordinates(self.mechanism, key)
+                    valid = [*dict.fromkeys([*valid, *every]), *self.sensors]
                 if name not in valid:
                     others = [*valid, EVERY, DRIVES]
                     problem = f"there is no such coordinate, output or drive{nearest_of(name, others)}"
