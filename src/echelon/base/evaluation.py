@@ -6,8 +6,8 @@ Each function is recorded once and runs as machine code; observation matrices ar
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Iterable, Iterator, Mapping
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,12 +15,17 @@ import numpy.typing as npt
 
 from echelon.algebra import Function
 from echelon.base.matrix import BaseMatrix
-from echelon.dynamics import robot_function
+from echelon.dynamics import ALL_FUNCTIONS, geometry_values, robot_function
 from echelon.robot import Mechanism
-from echelon.shared import Floats, InputError, public
+from echelon.shared import Floats, InputError, extra, public
 
 if TYPE_CHECKING:
-    from echelon.compute import NormalEquations, Observation, Observer
+    from echelon.compute import (
+        NormalEquations,
+        Observation,
+        Observer,
+        TensorFunctions,
+    )
     from echelon.dynamics import ClosedStates, Evaluator, Values
 
 Log = Mapping[str, Any]
@@ -379,6 +384,86 @@ class Evaluation(ABC):
         return self._evaluator("constraint_forces")(
             state, symbols, inputs, None, threads
         )
+
+    # -- arrays of other libraries ---------------------------------------------------------------------------------
+
+    def to_jax(self, symbols: Symbols = None) -> TensorFunctions:
+        """The functions of :meth:`function` on arrays of JAX: pure, for ``jit``, ``vmap`` and ``grad``.
+
+        Parameters
+        ----------
+        symbols : mapping of str to float, optional
+            Values of geometry symbols that replace or complete those of the file.  The argument ``symbols`` of a
+            function takes an array instead, for derivatives by the geometry.
+
+        Returns
+        -------
+        TensorFunctions
+            Each function is an attribute.  Its arguments, in the order of ``attribute.function.arguments``, have shape
+            (..., size) with any leading axes; base parameters and geometry may have leading axes, too.  Results keep
+            the type of the arguments and their device; JAX has double precision where ``jax_enable_x64`` is set.
+            With loops, ``q`` holds all positions, which must be closed, and rates are independent.
+
+        Raises
+        ------
+        MissingExtraError
+            If JAX is not installed.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> import jax
+        >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+        >>> dynamics = base.to_jax()
+        >>> q, values = jax.numpy.zeros((5, 2)), jax.numpy.ones(6)
+        >>> dynamics.gravity(q, values).shape
+        (5, 2)
+        >>> jax.jacobian(dynamics.gravity)(q[0], values).shape
+        (2, 2)
+        """
+        with extra("jax"):
+            import jax.numpy
+
+        return self._tensors(jax.numpy, jax.numpy.asarray, symbols)
+
+    def to_torch(self, symbols: Symbols = None) -> TensorFunctions:
+        """The functions of :meth:`function` on tensors of PyTorch, with gradients, on the tensors' device.
+
+        Parameters
+        ----------
+        symbols : mapping of str to float, optional
+            As for :meth:`to_jax`.
+
+        Returns
+        -------
+        TensorFunctions
+            As for :meth:`to_jax`.
+
+        Raises
+        ------
+        MissingExtraError
+            If PyTorch is not installed.
+        """
+        with extra("torch"):
+            import torch
+
+        return self._tensors(torch, torch.as_tensor, symbols)
+
+    def _tensors(
+        self, module: Any, convert: Callable[..., Any], symbols: Symbols
+    ) -> TensorFunctions:
+        from echelon.compute import TensorFunction, TensorFunctions, TensorLibrary
+
+        library = TensorLibrary(module, convert)
+
+        @cache
+        def make(name: str) -> TensorFunction:
+            function = self._recorded(name)
+            stated = geometry_values(self.mechanism, function.arguments, symbols)
+            numbers = {name: values.tolist() for name, values in stated.items()}
+            return TensorFunction(function, library, numbers)
+
+        return TensorFunctions(make, ("standard_regressor", *ALL_FUNCTIONS))
 
     # -- machine code --------------------------------------------------------------------------------------------
 
