@@ -81,7 +81,7 @@ class TensorFunction:
         """Arguments by name."""
         names = [argument.name for argument in self.function.arguments]
         places = [name for name in names if name not in self.stated]
-        given = dict(zip(places, arrays, strict=False)) | named
+        given = {**dict(zip(places, arrays, strict=False)), **named}
         expected = f"{self.function.name}({', '.join(places)})"
         if len(arrays) > len(places) or not set(named) <= set(names):
             raise InputError(f"too many arguments, or others than {expected} has")
