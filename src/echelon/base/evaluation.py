@@ -101,6 +101,49 @@ class Evaluation(ABC):
             )
         return self._functions[name]
 
+    def evaluate(
+        self,
+        name: str,
+        state: Mapping[str, npt.ArrayLike],
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        out: Floats | None = None,
+        threads: int | None = None,
+    ) -> Floats:
+        """Any of the model's functions, by its name, in machine code.
+
+        Parameters
+        ----------
+        name : str
+            See :meth:`function`; ``function(name).arguments`` says what the state must hold.
+        state : mapping of str to array
+            ``q``, ``qd``, ``qdd``, reference velocities ``qdr`` and accelerations ``qddr`` of shape (N, velocities), with
+            loops the independent ones, and ``parameters``, the values of base parameters; SI units.
+        symbols, inputs, out, threads
+            See :class:`Evaluation`.
+
+        Returns
+        -------
+        array of shape (N, *function(name).shape)
+
+        Raises
+        ------
+        InputError
+            If there is no such function, or an array is missing or does not fit.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+        >>> state = {"q": [0.3, 0.5], "qd": [1.0, 2.0], "qdr": [1.1, 1.9], "qddr": [0.5, 0.1]}
+        >>> Y = base.evaluate("slotine_li_regressor", state)
+        >>> zeta = [0.4, 0.3, 0.1, 0.2, 0.1, 0.05]
+        >>> abs(Y @ zeta - base.evaluate("slotine_li", {**state, "parameters": zeta})).max() < 1e-12
+        True
+        """
+        return self._evaluator(name)(state, symbols, inputs, out, threads)
+
     # -- regressors ----------------------------------------------------------------------------------------------
 
     def regressor(

@@ -34,7 +34,10 @@ if TYPE_CHECKING:
 SUMMARY = "echelon.generated/1"  # schema of the summary
 
 TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
-FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
+FUNCTIONS = (
+    "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives, "
+    "slotine_li, slotine_li_regressor, coriolis_matrix"
+)
 CONTACT_FUNCTIONS = "contact_jacobian"
 ONLINE = "online"
 LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, closure_pivots, constraint_forces"

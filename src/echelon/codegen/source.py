@@ -206,7 +206,7 @@ def _results(functions: Sequence[FunctionView], first: int) -> list[str]:
 def _columns(view: FunctionView) -> str:
     axes = view.function.axes[1:]
     return "; then: ".join(
-        "the base parameters" if view.name == "regressor" else ", ".join(axis)
+        "the base parameters" if view.name.endswith("regressor") else ", ".join(axis)
         for axis in axes
     )
 
