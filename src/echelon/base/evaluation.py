@@ -6,8 +6,8 @@ Each function is recorded once and runs as machine code; observation matrices ar
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cache, cached_property
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +24,9 @@ if TYPE_CHECKING:
         NormalEquations,
         Observation,
         Observer,
+        TensorFunction,
         TensorFunctions,
+        TensorLibrary,
     )
     from echelon.dynamics import ClosedStates, Evaluator, Values
 
@@ -465,9 +467,10 @@ class Evaluation(ABC):
         (2, 2)
         """
         with extra("jax"):
-            import jax.numpy
+            import jax.numpy  # noqa: F401
+        from echelon.compute import TensorLibrary
 
-        return self._tensors(jax.numpy, jax.numpy.asarray, symbols)
+        return self._tensors(TensorLibrary("jax.numpy", "asarray"), symbols)
 
     def to_torch(self, symbols: Symbols = None) -> TensorFunctions:
         """The functions of :meth:`function` on tensors of PyTorch, with gradients, on the tensors' device.
@@ -488,25 +491,26 @@ class Evaluation(ABC):
             If PyTorch is not installed.
         """
         with extra("torch"):
-            import torch
+            import torch  # noqa: F401
+        from echelon.compute import TensorLibrary
 
-        return self._tensors(torch, torch.as_tensor, symbols)
+        return self._tensors(TensorLibrary("torch", "as_tensor"), symbols)
 
-    def _tensors(
-        self, module: Any, convert: Callable[..., Any], symbols: Symbols
-    ) -> TensorFunctions:
-        from echelon.compute import TensorFunction, TensorFunctions, TensorLibrary
+    def _tensors(self, library: TensorLibrary, symbols: Symbols) -> TensorFunctions:
+        from echelon.compute import TensorFunctions
 
-        library = TensorLibrary(module, convert)
-
-        @cache
-        def make(name: str) -> TensorFunction:
-            function = self._recorded(name)
-            stated = geometry_values(self.mechanism, function.arguments, symbols)
-            numbers = {name: values.tolist() for name, values in stated.items()}
-            return TensorFunction(function, library, numbers)
-
+        make = partial(self._tensor_function, library, symbols)
         return TensorFunctions(make, ("standard_regressor", *ALL_FUNCTIONS))
+
+    def _tensor_function(
+        self, library: TensorLibrary, symbols: Symbols, name: str
+    ) -> TensorFunction:
+        from echelon.compute import TensorFunction
+
+        function = self._recorded(name)
+        stated = geometry_values(self.mechanism, function.arguments, symbols)
+        numbers = {name: values.tolist() for name, values in stated.items()}
+        return TensorFunction(function, library, numbers)
 
     # -- machine code --------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -31,10 +32,21 @@ _NAMES = {op: op.name.lower() for op in FUNCTIONS} | {Op.ATAN: "arctan"}
 
 @dataclass(frozen=True)
 class TensorLibrary:
-    """What a library of arrays is called with."""
+    """A library of arrays, by names, so that it can be sent to other processes."""
 
-    module: Any  # jax.numpy or torch
-    convert: Callable[..., Any]  # makes an array, with a dtype; keeps derivatives
+    name: str  # "jax.numpy" or "torch"
+    converts: str  # name of the function that makes arrays, with a dtype, and keeps derivatives
+
+    @property
+    def module(self) -> Any:
+        """The library's functions."""
+        return import_module(self.name)
+
+    @property
+    def convert(self) -> Callable[..., Any]:
+        """Makes an array."""
+        made: Callable[..., Any] = getattr(self.module, self.converts)
+        return made
 
 
 @dataclass(frozen=True, eq=False)  # compilers of functions need a hash
@@ -157,7 +169,8 @@ class TensorFunctions:
             raise AttributeError(
                 f"there is no function '{name}' (valid: {', '.join(vars(self).get('names', ()))})"
             )
-        return self.make(name)
+        made = vars(self)[name] = self.make(name)
+        return made
 
     def __dir__(self) -> list[str]:
         return list(self.names)
