@@ -22,6 +22,7 @@ PRINTED = {
     "11_experiments.py": "the wall alone shows all: 45",
     "12_elastic_joint.py": "stiffness within four standard deviations: True",
     "13_compare.py": "gripper 8 g heavier: different, 23 of 36 base parameters",
+    "14_adaptive_control.py": "converged: True",
 }
 """A line that each script prints."""
 

@@ -59,6 +59,8 @@ from echelon.identification.estimators.estimate import Estimate as Estimate
 from echelon.identification.gains import drive_gains as drive_gains
 from echelon.identification.gains import gains_from_logs as gains_from_logs
 from echelon.identification.identifying import identify as identify
+from echelon.identification.online import OnlineEstimator as OnlineEstimator
+from echelon.identification.online import online as online
 from echelon.identification.payload import Payload as Payload
 from echelon.identification.predict import predict_log as predict_log
 from echelon.identification.result import Identification as Identification

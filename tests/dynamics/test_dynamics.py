@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.algebra.program.function import Function
-from echelon.algebra.program.schedule import FloatArithmetic
 from echelon.dynamics.evaluate import evaluate_floats
 from echelon.dynamics.functions import FUNCTIONS, robot_function, vector
 from echelon.dynamics.linear_forms import virtual_power_form
@@ -26,7 +25,7 @@ from echelon.shared.errors import InputError
 from support import linkages
 from support import textbook_arms as arms
 from support.described_robots import EVERYTHING, SENSORS, sensed
-from support.float_functions import evaluate
+from support.float_functions import ComplexArithmetic, evaluate
 from support.float_regressor import FloatArray, random_states
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
@@ -104,12 +103,6 @@ def test_an_unknown_name() -> None:
 
 
 # -- derivatives -------------------------------------------------------------------------------------------------------
-
-
-class ComplexArithmetic(FloatArithmetic):
-    """Complex numbers, for derivatives by an imaginary step."""
-
-    dtype = np.complex128
 
 
 def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:

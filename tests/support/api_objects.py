@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import echelon as ec
+from echelon.compute import TensorLibrary
 from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.excite.excite import Closeness
 from echelon.excite.problem.shapes import Shape, ShapeKind
@@ -303,6 +304,12 @@ def moved(found: ec.ExcitingTrajectory) -> list[Any]:
     ]
 
 
+def online() -> ec.OnlineEstimator:
+    estimator = ec.online(base(), forgetting=0.99)
+    estimator.update(**{name: values[:50] for name, values in LOG.items()})
+    return estimator
+
+
 def load(name: str, **options: Any) -> Callable[[], ec.Mechanism]:
     return lambda: ec.load(
         EXAMPLES / name if (EXAMPLES / name).exists() else file(name), **options
@@ -336,6 +343,11 @@ OBJECTS: Mapping[str, Example] = {
     "MJCF": Example(load("two_link.xml"), read_literally),
     "loop": Example(load("loops/four_bar.yaml"), read_literally),
     "base": Example(base, computed),
+    "arrays": Example(  # NumPy in the place of JAX and PyTorch, which do not like to be forked
+        lambda: base()._tensors(TensorLibrary("numpy", "asarray"), None),
+        lambda found: found.gravity(np.ones(2), np.ones(6)),
+    ),
+    "online": Example(online, lambda found: (repr(found), found.estimate().values)),
     "servo fit": Example(servo),
     "base of a loop": Example(
         lambda: ec.base_parameters(load("loops/four_bar.yaml")()), along_loop

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 import numpy.typing as npt
 
 from echelon.algebra.program.function import Function
@@ -11,6 +12,12 @@ from echelon.algebra.program.schedule import FloatArithmetic
 from echelon.robot.mechanism import Mechanism
 from echelon.robot.stated import symbol_values
 from support.small_kernels import FloatArray, by_numpy
+
+
+class ComplexArithmetic(FloatArithmetic):
+    """Complex numbers, for derivatives by an imaginary step."""
+
+    dtype = np.complex128
 
 
 def evaluate(

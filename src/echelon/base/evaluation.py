@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,12 +15,19 @@ import numpy.typing as npt
 
 from echelon.algebra import Function
 from echelon.base.matrix import BaseMatrix
-from echelon.dynamics import robot_function
+from echelon.dynamics import ALL_FUNCTIONS, geometry_values, robot_function
 from echelon.robot import Mechanism
-from echelon.shared import Floats, InputError, public
+from echelon.shared import Floats, InputError, extra, public
 
 if TYPE_CHECKING:
-    from echelon.compute import NormalEquations, Observation, Observer
+    from echelon.compute import (
+        NormalEquations,
+        Observation,
+        Observer,
+        TensorFunction,
+        TensorFunctions,
+        TensorLibrary,
+    )
     from echelon.dynamics import ClosedStates, Evaluator, Values
 
 Log = Mapping[str, Any]
@@ -95,6 +102,49 @@ class Evaluation(ABC):
                 name, self.mechanism, self.matrix.pivots
             )
         return self._functions[name]
+
+    def evaluate(
+        self,
+        name: str,
+        state: Mapping[str, npt.ArrayLike],
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        out: Floats | None = None,
+        threads: int | None = None,
+    ) -> Floats:
+        """Any of the model's functions, by its name, in machine code.
+
+        Parameters
+        ----------
+        name : str
+            See :meth:`function`; ``function(name).arguments`` says what the state must hold.
+        state : mapping of str to array
+            ``q``, ``qd``, ``qdd``, reference velocities ``qdr`` and accelerations ``qddr`` of shape (N, velocities), with
+            loops the independent ones, and ``parameters``, the values of base parameters; SI units.
+        symbols, inputs, out, threads
+            See :class:`Evaluation`.
+
+        Returns
+        -------
+        array of shape (N, *function(name).shape)
+
+        Raises
+        ------
+        InputError
+            If there is no such function, or an array is missing or does not fit.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+        >>> state = {"q": [0.3, 0.5], "qd": [1.0, 2.0], "qdr": [1.1, 1.9], "qddr": [0.5, 0.1]}
+        >>> Y = base.evaluate("slotine_li_regressor", state)
+        >>> zeta = [0.4, 0.3, 0.1, 0.2, 0.1, 0.05]
+        >>> abs(Y @ zeta - base.evaluate("slotine_li", {**state, "parameters": zeta})).max() < 1e-12
+        True
+        """
+        return self._evaluator(name)(state, symbols, inputs, out, threads)
 
     # -- regressors ----------------------------------------------------------------------------------------------
 
@@ -379,6 +429,88 @@ class Evaluation(ABC):
         return self._evaluator("constraint_forces")(
             state, symbols, inputs, None, threads
         )
+
+    # -- arrays of other libraries ---------------------------------------------------------------------------------
+
+    def to_jax(self, symbols: Symbols = None) -> TensorFunctions:
+        """The functions of :meth:`function` on arrays of JAX: pure, for ``jit``, ``vmap`` and ``grad``.
+
+        Parameters
+        ----------
+        symbols : mapping of str to float, optional
+            Values of geometry symbols that replace or complete those of the file.  The argument ``symbols`` of a
+            function takes an array instead, for derivatives by the geometry.
+
+        Returns
+        -------
+        TensorFunctions
+            Each function is an attribute.  Its arguments, in the order of ``attribute.function.arguments``, have shape
+            (..., size) with any leading axes; base parameters and geometry may have leading axes, too.  Results keep
+            the type of the arguments and their device; JAX has double precision where ``jax_enable_x64`` is set.
+            With loops, ``q`` holds all positions, which must be closed, and rates are independent.
+
+        Raises
+        ------
+        MissingExtraError
+            If JAX is not installed.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> import jax
+        >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+        >>> dynamics = base.to_jax()
+        >>> q, values = jax.numpy.zeros((5, 2)), jax.numpy.ones(6)
+        >>> dynamics.gravity(q, values).shape
+        (5, 2)
+        >>> jax.jacobian(dynamics.gravity)(q[0], values).shape
+        (2, 2)
+        """
+        with extra("jax"):
+            import jax.numpy  # noqa: F401
+        from echelon.compute import TensorLibrary
+
+        return self._tensors(TensorLibrary("jax.numpy", "asarray"), symbols)
+
+    def to_torch(self, symbols: Symbols = None) -> TensorFunctions:
+        """The functions of :meth:`function` on tensors of PyTorch, with gradients, on the tensors' device.
+
+        Parameters
+        ----------
+        symbols : mapping of str to float, optional
+            As for :meth:`to_jax`.
+
+        Returns
+        -------
+        TensorFunctions
+            As for :meth:`to_jax`.
+
+        Raises
+        ------
+        MissingExtraError
+            If PyTorch is not installed.
+        """
+        with extra("torch"):
+            import torch  # noqa: F401
+        from echelon.compute import TensorLibrary
+
+        return self._tensors(TensorLibrary("torch", "as_tensor"), symbols)
+
+    def _tensors(self, library: TensorLibrary, symbols: Symbols) -> TensorFunctions:
+        from echelon.compute import TensorFunctions
+
+        make = partial(self._tensor_function, library, symbols)
+        return TensorFunctions(make, ("standard_regressor", *ALL_FUNCTIONS))
+
+    def _tensor_function(
+        self, library: TensorLibrary, symbols: Symbols, name: str
+    ) -> TensorFunction:
+        from echelon.compute import TensorFunction
+
+        function = self._recorded(name)
+        stated = geometry_values(self.mechanism, function.arguments, symbols)
+        numbers = {name: values.tolist() for name, values in stated.items()}
+        return TensorFunction(function, library, numbers)
 
     # -- machine code --------------------------------------------------------------------------------------------
 

@@ -34,8 +34,12 @@ if TYPE_CHECKING:
 SUMMARY = "echelon.generated/1"  # schema of the summary
 
 TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
-FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
+FUNCTIONS = (
+    "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives, "
+    "slotine_li, slotine_li_regressor, coriolis_matrix"
+)
 CONTACT_FUNCTIONS = "contact_jacobian"
+ONLINE = "online"
 LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, closure_pivots, constraint_forces"
 
 
@@ -62,7 +66,7 @@ def generate(
         typer.Option(
             "--function",
             show_default="regressor,inverse_dynamics,mass_matrix,gravity",
-            help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}; with contacts {CONTACT_FUNCTIONS}.",
+            help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}; with contacts {CONTACT_FUNCTIONS}; in C {ONLINE}.",
         ),
     ] = None,
     name: Annotated[

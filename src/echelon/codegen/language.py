@@ -135,6 +135,7 @@ class Language:
     zeroed: bool = False
     splits: bool = False  # whether long functions are cut into parts
     longest_name: int | None = None  # letters of an identifier that count
+    estimates: bool = False  # whether the templates have recursive least squares
 
     def literal(self, value: Number, precision: Precision) -> str:
         """A constant that is not negative."""
@@ -180,6 +181,7 @@ C = Language(
     define="const {real} {name} = {value};",
     assign="{name} = {value};",
     splits=True,
+    estimates=True,
 )
 
 # C++17: one header with templates on the scalar type
@@ -203,6 +205,7 @@ CUDA = replace(
     files={"{robot}.cu": "cuda.cu.j2"},
     comment="// ",
     entry="result[{index}*stride]",
+    estimates=False,
 )
 
 # Python with NumPy: functions of arrays with any leading axes

@@ -206,7 +206,7 @@ def _results(functions: Sequence[FunctionView], first: int) -> list[str]:
 def _columns(view: FunctionView) -> str:
     axes = view.function.axes[1:]
     return "; then: ".join(
-        "the base parameters" if view.name == "regressor" else ", ".join(axis)
+        "the base parameters" if view.name.endswith("regressor") else ", ".join(axis)
         for axis in axes
     )
 
@@ -231,6 +231,9 @@ def _constants(subject: Subject) -> list[str]:
 
 DEFAULT_FUNCTIONS = ("regressor", "inverse_dynamics", "mass_matrix", "gravity")
 """What is generated unless something else is asked for; with loops also ``closed_positions``."""
+
+ONLINE = "online"
+"""Stands among functions for recursive least squares with the regressor."""
 
 
 class Source(dict[str, str]):
@@ -267,8 +270,9 @@ def generate(
     functions : sequence of str, optional
         Of ``"regressor"``, ``"inverse_dynamics"``, ``"mass_matrix"``, ``"gravity"``, ``"coriolis"``, ``"effects"``,
         ``"inverse_dynamics_derivatives"``, and with loops ``"closed_positions"``, ``"closed_velocities"``,
-        ``"closed_accelerations"``, ``"closure_pivots"``, ``"constraint_forces"``; :data:`DEFAULT_FUNCTIONS` if omitted,
-        without the mass matrix where effects leave none.
+        ``"closed_accelerations"``, ``"closure_pivots"``, ``"constraint_forces"``; in C also ``"online"``, recursive
+        least squares with the regressor; :data:`DEFAULT_FUNCTIONS` if omitted, without the mass matrix where effects
+        leave none.
     name : str, optional
         Stands before the functions' names and names the files; made from the robot's name if omitted.
     precision : str
@@ -309,8 +313,12 @@ def generate(
     if functions is None:
         functions, left_out = _default_functions(base)
         remarks = (*remarks, *left_out)
+    estimates = ONLINE in functions
+    if estimates:
+        _check_online(base, language)
+        functions = ["regressor", *(name for name in functions if name != ONLINE)]
     chosen = [
-        _valid("function", function, list(ALL_FUNCTIONS))
+        _valid("function", function, [*ALL_FUNCTIONS, ONLINE])
         for function in dict.fromkeys(functions)
     ]
     if not chosen:
@@ -338,7 +346,21 @@ def generate(
         constants.stated,
         remarks,
     )
-    return Source(printed(made, language, mode, robot, subject), tuple(made))
+    files = printed(made, language, mode, robot, subject, estimates=estimates)
+    return Source(files, tuple(made))
+
+
+def _check_online(base: BaseModel, language: Language) -> None:
+    if not language.estimates:
+        able = ", ".join(name for name, other in TARGETS.items() if other.estimates)
+        raise InputError(
+            f"{ONLINE} is not written in {language.name} (valid targets: {able}); in Python use echelon.online"
+        )
+    if base.mechanism.contacts:
+        raise InputError(
+            f"{ONLINE} needs outputs without the unknown forces at contacts",
+            element=f"contact '{base.mechanism.contacts[0].name}'",
+        )
 
 
 def _named(
@@ -381,8 +403,13 @@ def printed(
     precision: Precision,
     robot: str,
     subject: Subject,
+    *,
+    estimates: bool = False,
 ) -> dict[str, str]:
-    """Text of the files by name; ``robot`` is an identifier, the subject is for the documentation."""
+    """Text of the files by name; ``robot`` is an identifier, the subject is for the documentation.
+
+    With ``estimates``, recursive least squares with the first function, the regressor, stands behind the functions.
+    """
     views = [view(function, language, precision) for function in functions]
     context = {
         "robot": robot,
@@ -393,6 +420,7 @@ def printed(
         "version": __version__,
         "doc": documentation(subject, views, language),
         "functions": views,
+        "online": views[0] if estimates else None,
         "real": language.real[precision],
         "precision": precision.value,
         "lanes": LANES,

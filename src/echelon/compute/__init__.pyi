@@ -13,3 +13,6 @@ from echelon.compute.observe.triangle import Triangle as Triangle
 from echelon.compute.observe.triangle import column_norms as column_norms
 from echelon.compute.observe.triangle import safe_norms as safe_norms
 from echelon.compute.observe.triangle import upper_triangle as upper_triangle
+from echelon.compute.tensors import TensorFunction as TensorFunction
+from echelon.compute.tensors import TensorFunctions as TensorFunctions
+from echelon.compute.tensors import TensorLibrary as TensorLibrary

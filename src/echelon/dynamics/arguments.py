@@ -13,6 +13,13 @@ from echelon.robot import Mechanism, MotionKind, symbol_values
 
 STATE = ("q", "qd", "qdd")  # positions, velocities and accelerations
 
+_RATES = {
+    "qd": "joint velocities",
+    "qdd": "joint accelerations",
+    "qdr": "reference velocities",
+    "qddr": "reference accelerations",
+}
+
 STANDARD = "standard_parameters"  # the argument of functions that base parameters do not determine
 
 
@@ -26,7 +33,7 @@ class Arguments:
     standard: bool = False  # whether they are the standard parameters
 
     def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
-        """Arguments by name, of ``q qd qdd inputs parameters symbols``; the last and ``inputs`` only where needed."""
+        """Arguments by name, of ``q qd qdd qdr qddr inputs parameters symbols``; the last and ``inputs`` only where needed."""
         used = [
             n for n in self.program.needed(outputs) if self.program.ops[n] == Op.INPUT
         ]
@@ -35,7 +42,7 @@ class Arguments:
             match name:
                 case "q":
                     found.append(self._positions())
-                case "qd" | "qdd":
+                case "qd" | "qdd" | "qdr" | "qddr":
                     found.append(self._rates(name))
                 case "parameters":
                     found.append(self._parameters())
@@ -89,11 +96,11 @@ class Arguments:
         )
 
     def _rates(self, kind: str) -> Argument:
-        meaning = {"qd": "joint velocities", "qdd": "joint accelerations"}[kind]
+        meaning = _RATES[kind]
         units = dict(
             zip(
                 self.mechanism.velocities,
-                coordinate_units(self.mechanism, kind),
+                coordinate_units(self.mechanism, kind.replace("r", "")),
                 strict=True,
             )
         )

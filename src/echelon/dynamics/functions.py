@@ -22,6 +22,7 @@ from echelon.algebra import (
     Program,
     Scalar,
     Schedule,
+    derivatives,
     random_generator,
 )
 from echelon.dynamics.arguments import Arguments, coordinate_units, row_names
@@ -249,6 +250,11 @@ _VECTORS: Mapping[str, tuple[Parts, str, str]] = {
         "q qd inputs",
         "outputs of friction, springs and other effects",
     ),
+    "slotine_li": (
+        RecordedOutputs.reference_forces,
+        "q qd qdr qddr inputs",
+        "outputs M qddr + C(q, qd) qdr + g with C of Christoffel's symbols, and effects at qd",
+    ),
 }
 """Functions with one value for each output: what is recorded, of which arguments, and its meaning."""
 
@@ -264,6 +270,24 @@ def vector(name: str, recorded: RecordedOutputs) -> Function:
     return recorded.arguments.function(
         name, entries, (recorded.names,), arguments, meaning, units
     )
+
+
+def _slopes(
+    name: str, of: str, by: str, arguments: str, recorded: RecordedOutputs
+) -> Function:
+    """Record the derivatives of one of these functions by the entries of an argument that it is linear in."""
+    function = vector(of, recorded)
+    (argument,) = (a for a in function.arguments if a.name == by)
+    found = derivatives(recorded.program, list(function.outputs), argument.nodes)
+    rows = [row for (row,) in function.entries]
+    # column by column: the order in which intermediate values are soonest done with
+    entries: dict[Index, Scalar] = {
+        (rows[row], column): Scalar(recorded.program, found[row, column])
+        for row, column in sorted(found, key=lambda index: index[1])
+    }
+    axes = (*function.axes, argument.labels)
+    meaning = f"{function.meaning}, per unit of each entry of {by}"
+    return recorded.arguments.function(name, entries, axes, arguments, meaning)
 
 
 def mass_matrix(recorded: RecordedOutputs) -> Function:
@@ -332,6 +356,16 @@ def _price(function: Function) -> int:
     )
 
 
+_DERIVED: Mapping[str, tuple[str, str, str]] = {
+    "slotine_li_regressor": (
+        "slotine_li",
+        "parameters",
+        "q qd qdr qddr inputs symbols",
+    ),
+    "coriolis_matrix": ("slotine_li", "qdr", "q qd parameters symbols"),
+}
+"""Functions that are derivatives: of which function, by which argument, and their own arguments."""
+
 _FUNCTION_PRICE = 25
 """Cost of a sine or cosine in multiplications: in vectorised machine code a pair takes as long as about fifty."""
 
@@ -340,6 +374,7 @@ FUNCTIONS: Mapping[str, Builder] = {
     "mass_matrix": _cheapest(mass_matrix),
     "inverse_dynamics_derivatives": _cheapest(inverse_dynamics_derivatives),
     "regressor": regressor,
+    **{name: _cheapest(partial(_slopes, name, *of)) for name, of in _DERIVED.items()},
 }
 """Builders by the name of the function."""
 

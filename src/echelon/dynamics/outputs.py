@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echelon.algebra import Op, Polynomial, Program, Scalar, derivatives
+from echelon.algebra import Op, Polynomial, Program, Scalar, derivatives, rates
 from echelon.dynamics.arguments import Arguments, parameter_input, row_names
 from echelon.dynamics.composite import (
     by_quaternion,
@@ -48,9 +48,11 @@ from echelon.robot import (
     Step,
     Vector,
     VirtualMotion,
+    cross,
     merge,
     motion_of_joints,
     pseudo_inertia,
+    scale,
     virtual_motion,
 )
 from echelon.robot import RecordedStep as Recorded
@@ -124,6 +126,17 @@ class RecordedOutputs:
     def forces(self) -> list[Scalar]:
         """Inertial forces with gravity, and all effects, one for each row."""
         return [a + b for a, b in zip(self.inertial(True), self.effects(), strict=True)]
+
+    def reference_forces(self) -> list[Scalar]:
+        """Forces M q̈ᵣ + C q̇ᵣ + g with Christoffel's C(q, q̇), and effects at q̇, one for each row."""
+        # the inertial forces are affine in q̈ and gravity, and quadratic in q̇ with Christoffel's symbols as half of
+        # their second derivatives: their rate in the direction (q̇ᵣ/2, q̈ᵣ, g) is M q̈ᵣ + C q̇ᵣ + g
+        weight = self.program.input("weight")
+        forces = self._rows(efforts(self._inertias, self._motion(weight=weight)))
+        direction = self._reference_direction() | {weight.node: self.program.one}
+        inertial = rates(self.program, [f.node for f in forces], direction)
+        effects = self._total_effects(self._at_reference())
+        return [a + b for a, b in zip(inertial, effects, strict=True)]
 
     def weight(self) -> list[Scalar]:
         """Forces that hold the bodies' weight at rest, one for each row."""
@@ -246,8 +259,11 @@ class RecordedOutputs:
 
     def effects(self, *still: str) -> list[Scalar]:
         """Forces of the effects, one for each row; see :meth:`inertial`."""
+        return self._total_effects(self._recorder(*still))
+
+    def _total_effects(self, recorder: Recorder) -> list[Scalar]:
         totals = [self.program.zero for _ in self._motions]
-        for _, row, force in self._effect_terms(*still):
+        for _, row, force in self._effect_terms(recorder):
             totals[row] = totals[row] + force
         return totals
 
@@ -258,7 +274,7 @@ class RecordedOutputs:
             program.input(f"qdd[{name}]").node
             for name in self.mechanism.independent_velocities
         ]
-        for name, row, force in self._effect_terms():
+        for name, row, force in self._effect_terms(self._recorder()):
             slopes = derivatives(program, [force.node], inputs)
             if _varies(program, slopes.values(), ("qd[", "qdd[", "i[")) or _varies(
                 program, _signs(force), ("qdd[",)
@@ -273,11 +289,9 @@ class RecordedOutputs:
                 )
         return total
 
-    def _effect_terms(self, *still: str) -> Iterator[tuple[str, int, Scalar]]:
+    def _effect_terms(self, state: Recorder) -> Iterator[tuple[str, int, Scalar]]:
         """Effects by name, and what they add to rows."""
-        recorder = EffectRecorder(
-            self.mechanism, Recorder(self.mechanism, self.program, self._given(*still))
-        )
+        recorder = EffectRecorder(self.mechanism, state)
         first = len(self.mechanism.parameters) - len(self.mechanism.effects)
         for column, effect in enumerate(self.mechanism.effects, first):
             if column not in self._values:
@@ -304,9 +318,58 @@ class RecordedOutputs:
             for name in self.mechanism.velocities
         }
 
-    def _motion(self, *still: str, gravity: bool = True) -> ForwardPass:
+    def _recorder(self, *still: str) -> Recorder:
+        return Recorder(self.mechanism, self.program, self._given(*still))
+
+    def _at_reference(self) -> Recorder:
+        """Positions and velocities, with the rates of the reference velocities as accelerations."""
+        program, state = self.program, self._recorder()
+        given = {f"qd[{n}]": speed for n, speed in self._speeds("qdr").items()}
+        reference = Recorder(self.mechanism, program, given).coordinates
+        seeds = state.position_rates(self._speeds("qd"))
+        for name in self.mechanism.independent_velocities:
+            node = program.input(f"qdr[{name}]").node
+            seeds[node] = program.input(f"qddr[{name}]")
+        nodes = [rate.node for at in reference.values() for rate in at.rate]
+        made = iter(rates(program, nodes, seeds))
+        state.coordinates = {
+            name: replace(at, acceleration=tuple(next(made) for _ in at.rate))
+            for name, at in state.coordinates.items()
+        }
+        return state
+
+    def _reference_direction(self) -> dict[int, Scalar]:
+        """Directions (q̇ᵣ/2, q̈ᵣ) of the rates' inputs, by node; see :meth:`reference_forces`."""
+        program, now, reference = self.program, self._speeds("qd"), self._speeds("qdr")
+        found: dict[str, Scalar] = {}
+        for name in self.mechanism.independent_velocities:
+            found[f"qd[{name}]"] = reference[name] / 2
+            found[f"qdd[{name}]"] = program.input(f"qddr[{name}]")
+        # a ball's velocities are no rates of coordinates: half of the bracket of the two motions is added
+        for motion in self.mechanism.free_motions:
+            if motion.kind is MotionKind.BALL:
+                x, y, z = motion.velocities
+                turning = (now[x], now[y], now[z])
+                bracket = cross(turning, (reference[x], reference[y], reference[z]))
+                for name, part in zip(motion.velocities, bracket, strict=True):
+                    if (key := f"qdd[{name}]") in found:
+                        found[key] = found[key] + part / 2
+        return {program.input(name).node: value for name, value in found.items()}
+
+    def _speeds(self, kind: str) -> dict[str, Scalar]:
+        """Velocities of all coordinates from those of the independent ones, which are inputs."""
+        free = self.mechanism.independent_velocities
+        chosen = {name: self.program.input(f"{kind}[{name}]") for name in free}
+        closed = self.dependent_motion
+        return chosen if closed is None else chosen | closed.speeds(chosen)
+
+    def _motion(
+        self, *still: str, gravity: bool = True, weight: Scalar | None = None
+    ) -> ForwardPass:
         recorder = Recorder(self._reframed.mechanism, self.program, self._given(*still))
         base = recorder.gravity() if gravity else recorder.zeros
+        if weight is not None:
+            base = scale(base, weight)
         return ForwardPass(
             recorder, Probes(recorder.mechanism, recorder), base, sums=self._sums
         )

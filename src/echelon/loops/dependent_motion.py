@@ -24,7 +24,6 @@ from echelon.robot import (
     Probes,
     Recorder,
     characteristic_length,
-    quaternion_times,
 )
 from echelon.shared import InputError
 
@@ -142,7 +141,9 @@ class DependentMotion:
     def closed_positions(self) -> list[Scalar]:
         """Positions after one step of Newton's iteration; those of independent coordinates stay."""
         found: list[Scalar] = []
-        for here, change in self._moved(self._solved(self._openings)):
+        for here, change in self._recorder.moved_positions(
+            self._solved(self._openings)
+        ):
             position = [p + d for p, d in zip(here, change, strict=True)]
             if len(position) > 1 and not all(d.is_zero for d in change):
                 size = sum((p * p for p in position), self.program.zero).sqrt()
@@ -151,17 +152,8 @@ class DependentMotion:
         return found
 
     def position_rates(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
-        """Rates of the positions' inputs, by node, from those of velocity coordinates; zero where absent."""
-        pairs = (
-            zip(position, change, strict=True)
-            for position, change in self._moved(speeds)
-        )
-        return {
-            position.node: rate
-            for pair in pairs
-            for position, rate in pair
-            if not rate.is_zero
-        }
+        """Rates of the positions' inputs; see :meth:`Recorder.position_rates`."""
+        return self._recorder.position_rates(speeds)
 
     def closing_wrenches(
         self, efforts: Mapping[str, Scalar]
@@ -225,17 +217,6 @@ class DependentMotion:
 
     def _solved(self, opening: Mapping[int, Scalar]) -> dict[str, Scalar]:
         return self._system.solve({row: -value for row, value in opening.items()})
-
-    def _moved(
-        self, speeds: Mapping[str, Scalar]
-    ) -> Iterator[tuple[tuple[Scalar, ...], list[Scalar]]]:
-        """The positions of every motion and their rates; a quaternion's is half its product with the velocity."""
-        for motion in self.mechanism.free_motions:
-            position = self._recorder.coordinates[motion.name].position
-            rate = [speeds.get(name, self.program.zero) for name in motion.velocities]
-            if motion.kind is MotionKind.BALL:
-                rate = [value / 2 for value in quaternion_times(position, rate)]
-            yield position, rate
 
 
 def _kept(mechanism: Mechanism) -> Iterator[bool]:

@@ -8,7 +8,7 @@ never move, effects are forces, and an output stands for a virtual motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -152,6 +152,30 @@ class Recorder:
             return self.zeros
         x, y, z = (self.program.polynomial(g) for g in self.mechanism.gravity)
         return (x, y, z)
+
+    def moved_positions(
+        self, speeds: Mapping[str, Scalar]
+    ) -> Iterator[tuple[tuple[Scalar, ...], list[Scalar]]]:
+        """The positions of every motion and their rates; a quaternion's is half its product with the velocity."""
+        for motion in self.mechanism.free_motions:
+            position = self.coordinates[motion.name].position
+            rate = [speeds.get(name, self.program.zero) for name in motion.velocities]
+            if motion.kind is MotionKind.BALL:
+                rate = [value / 2 for value in quaternion_times(position, rate)]
+            yield position, rate
+
+    def position_rates(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
+        """Rates of the positions' inputs, by node, from those of velocity coordinates; zero where absent."""
+        pairs = (
+            zip(position, change, strict=True)
+            for position, change in self.moved_positions(speeds)
+        )
+        return {
+            position.node: rate
+            for pair in pairs
+            for position, rate in pair
+            if not rate.is_zero
+        }
 
     # -- coordinates ---------------------------------------------------------------------------------------------
 

@@ -20,6 +20,8 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "ros": ("mcap", "rosbags"),
     "dask": ("cryptography", "dask", "distributed"),
     "mjcf": ("mujoco",),
+    "jax": ("jax",),
+    "torch": ("torch",),
     "robots": ("robot_descriptions", "xacro", "xacrodoc"),
 }
 """Modules that the library imports from each extra of ``pyproject.toml``."""

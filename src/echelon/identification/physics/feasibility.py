@@ -89,7 +89,7 @@ def nearest_physical(
     ``symbols`` are values of those that the model's file does not state.
     """
     target, B = checked_values(base, values), base.B_float(symbols)
-    root = _root(base, target, covariance)
+    root = information_root(base, target, covariance)
     problem = EchelonError("the solver found no nearest physical robot")
     for unit in _UNITS:
         try:
@@ -131,7 +131,9 @@ def on_pivots(base: BaseModel, B: Floats, target: Floats, standard: Floats) -> F
     return moved
 
 
-def _root(base: BaseModel, target: Floats, covariance: npt.ArrayLike | None) -> Floats:
+def information_root(
+    base: BaseModel, target: Floats, covariance: npt.ArrayLike | None
+) -> Floats:
     """A matrix R with RᵀR the inverse of the covariance, shape (r, r)."""
     if covariance is None:
         return np.diag(1 / sizes_of(base, target))
