@@ -113,8 +113,8 @@ class Evaluation(ABC):
         name : str
             See :meth:`function`; ``function(name).arguments`` says what the state must hold.
         state : mapping of str to array
-            ``q``, ``qd``, ``qdd``, reference velocities ``qdr`` and accelerations ``qddr`` of shape (N, velocities), with
-            loops the independent ones, and ``parameters``, the values of base parameters; SI units.
+            ``q``, ``qd``, ``qdd``; reference velocities ``qdr`` and accelerations ``qddr``, with loops the independent
+            ones; outputs ``y``; and ``parameters``, the values of base parameters; SI units.
         symbols, inputs, out, threads
             See :class:`Evaluation`.
 
