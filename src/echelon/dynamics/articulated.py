@@ -7,7 +7,7 @@ the freedom.  All of it is added to the motion at zero joint accelerations, so t
 bodies' wrenches p alone.  D are pivots of the mass matrix.  Base parameters determine them, and with base parameters,
 too, they are positive wherever the mass matrix is positive definite, whatever single bodies look like.
 
-Mass matrices of branched robots have zeros between branches; elimination from the tips keeps them (Featherstone 2005).
+Mass matrices of branched robots have zeros between branches.  Elimination from the tips keeps them (Featherstone 2005).
 """
 
 from __future__ import annotations
@@ -39,37 +39,43 @@ from echelon.robot import (
 )
 
 
-class SymmetricFactor:
-    """A symmetric positive definite matrix as Lᵀ D L, with a unit lower triangular L."""
+class TipFactor:
+    """A regular matrix that is eliminated from the last row to the first, ready to solve M x = b."""
 
     def __init__(
         self, program: Program, matrix: Mapping[tuple[int, ...], Scalar]
     ) -> None:
         size = 1 + max((index[0] for index in matrix), default=-1)
-        self._zero = program.zero
         left = [
-            [matrix.get((i, j), program.zero) for j in range(size)] for i in range(size)
+            [matrix.get((row, column), program.zero) for column in range(size)]
+            for row in range(size)
         ]
-        self._lower: list[list[Scalar]] = [[] for _ in range(size)]
-        self._inverse: list[Scalar] = [program.zero] * size
+        pairs = [(i, j) for i in range(size) for j in range(i)]
+        symmetric = all(left[i][j].node == left[j][i].node for i, j in pairs)
+        self._zero = program.zero
+        self._inverse = [program.zero] * size
+        self._rows: list[list[Scalar]] = [[] for _ in range(size)]
+        self._columns: list[list[Scalar]] = [[] for _ in range(size)]
         for k in reversed(range(size)):
-            self._inverse[k] = 1 / left[k][k]
-            self._lower[k] = [entry * self._inverse[k] for entry in left[k][:k]]
+            inverse = self._inverse[k] = 1 / left[k][k]
+            self._rows[k] = [entry * inverse for entry in left[k][:k]]
+            self._columns[k] = [row[k] * inverse for row in left[:k]]
             for i in range(k):
-                for j in range(i + 1):
-                    left[i][j] = left[i][j] - self._lower[k][i] * left[k][j]
+                for j in range(i + 1 if symmetric else k):
+                    left[i][j] = left[i][j] - self._columns[k][i] * left[k][j]
+                    if symmetric:
+                        left[j][i] = left[i][j]
 
     def solve(self, right: Sequence[Scalar]) -> list[Scalar]:
-        """The solution for one right-hand side."""
+        """The solution x for one right-hand side b."""
         left = list(right)
         for k in reversed(range(len(left))):
-            for i, entry in enumerate(self._lower[k]):
+            for i, entry in enumerate(self._columns[k]):
                 left[i] = left[i] - entry * left[k]
         found: list[Scalar] = []
-        for k, value in enumerate(left):
-            pairs = zip(self._lower[k], found, strict=True)
-            known = sum((entry * other for entry, other in pairs), self._zero)
-            found.append(value * self._inverse[k] - known)
+        for row, inverse, value in zip(self._rows, self._inverse, left, strict=True):
+            terms = (entry * x for entry, x in zip(row, found, strict=True))
+            found.append(value * inverse - sum(terms, self._zero))
         return found
 
 

@@ -18,7 +18,7 @@ from functools import cached_property
 
 from echelon.algebra import Scalar, rates
 from echelon.dynamics.arguments import coordinate_units
-from echelon.dynamics.articulated import SymmetricFactor, articulated_accelerations
+from echelon.dynamics.articulated import TipFactor, articulated_accelerations
 from echelon.dynamics.linear_forms import energies
 from echelon.dynamics.outputs import Index, RecordedOutputs
 from echelon.dynamics.recursion import efforts
@@ -35,8 +35,8 @@ class ControlOutputs(RecordedOutputs):
         """The forces of independent coordinates in the place of outputs, for a function that needs all of them."""
         if not self.mechanism.measures_every_force:
             raise InputError(
-                f"{name} needs the force of every independent coordinate as an output, and the measured outputs of "
-                f"{self.mechanism.name} are others: leave out 'measured'"
+                f"{name} needs the force of every independent coordinate, and the outputs of {self.mechanism.name} are "
+                "others: leave the list of outputs out of its description"
             )
         found = ControlOutputs(self.mechanism, self._pivots, self._sums)
         found._by_coordinate = True
@@ -171,7 +171,7 @@ class ControlOutputs(RecordedOutputs):
             driven[row] = driven[row] + rate * given[column]
         if not articulated:
             pairs = zip(driven, self.still_forces(), strict=True)
-            factor = SymmetricFactor(self.program, self.masses())
+            factor = TipFactor(self.program, self.masses())
             return factor.solve([a - b for a, b in pairs])
         names = self.mechanism.independent_velocities
         pairs = zip(driven, self.effects("qdd"), strict=True)
@@ -181,6 +181,13 @@ class ControlOutputs(RecordedOutputs):
             self._inertias, self._motion("qdd"), forces, rotors
         )
         return [found[name] for name in names]
+
+    def inertial_mass(self) -> dict[Index, Scalar]:
+        """Derivatives of the inertial forces by the accelerations; of coordinates, the same node on both sides."""
+        entries = super().inertial_mass()
+        if not self._by_coordinate:
+            return entries
+        return {(i, j): entries[max(i, j), min(i, j)] for i, j in entries}
 
     @property
     def is_open(self) -> bool:

@@ -29,7 +29,7 @@ from echelon.algebra import (
 )
 from echelon.algebra import recorded as recorded_operation
 from echelon.dynamics.arguments import Arguments, coordinate_units, row_names
-from echelon.dynamics.articulated import SymmetricFactor
+from echelon.dynamics.articulated import TipFactor
 from echelon.dynamics.contact_motion import ContactMotion
 from echelon.dynamics.control import ControlOutputs
 from echelon.dynamics.linear_forms import inverse_dynamics_regressor
@@ -351,9 +351,7 @@ def forward_dynamics_derivatives(recorded: ControlOutputs) -> Function:
     moved = copied(recorded.accelerations(False))
     for name, value in zip(free, moved, strict=True):
         known[program.input(f"qdd[{name}]").node] = value.node
-    factor = SymmetricFactor(
-        copy, dict(zip(masses, copied(masses.values()), strict=True))
-    )
+    factor = TipFactor(copy, dict(zip(masses, copied(masses.values()), strict=True)))
     rights = {index: -slope for index, slope in slopes.items()}
     width = len(recorded.state)
     rights |= {(row, width + k): rate for (row, k), rate in recorded.applied.items()}
