@@ -428,3 +428,65 @@ def test_base_parameters_do_for_standard_parameters() -> None:
     found = base.evaluate("slotine_li", {**state, "parameters": values}, symbols)
     close(found, expected)
     close(base.evaluate("slotine_li_regressor", state, symbols) @ values, expected)
+
+
+# -- filtered regressors -----------------------------------------------------------------------------------------------
+
+
+def test_filtered_regressors_need_no_accelerations() -> None:
+    """They are the filtered regressors of a simulated motion, up to the square of the step, and estimate as well."""
+    base = ec.base_parameters(ec.load(EXAMPLES / "double_pendulum.yaml"))
+    rng = np.random.default_rng(5)
+    rates, starts = rng.uniform(1.0, 9.0, 2), rng.uniform(0.0, 6.0, 2)
+    coarse = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, 1500))  # no even steps
+    fine = np.interp(np.arange(2999) / 2, np.arange(1500), coarse)
+    errors, zeta = [], rng.normal(size=base.rank)
+    for times in (coarse, fine):
+        phases = times[:, None] * rates + starts
+        q, qd, qdd = (
+            np.sin(phases),
+            rates * np.cos(phases),
+            -(rates**2) * np.sin(phases),
+        )
+        X = base.regressor(q, qd, qdd)
+        found = base.filtered_regressor(times, q, qd, 20.0)
+        error = np.abs(found - ec.low_pass(times, X, 20.0)).max()
+        errors.append(error / np.abs(X).max())
+        torques = ec.low_pass(times, X @ zeta, 20.0)
+        rows, right = found.reshape(-1, base.rank), torques.ravel()
+        close(np.linalg.lstsq(rows, right, rcond=None)[0], zeta, 1e-3)
+    assert errors[0] < 1e-4
+    assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
+
+
+def test_a_low_pass_of_what_is_linear_between_samples_is_exact() -> None:
+    times = np.array([0.0, 0.1, 0.4, 1.0])
+    fine = np.linspace(0.0, 1.0, 100_001)
+    values = np.array([[1.0, 0.0], [2.0, 1.0], [-1.0, 0.5], [0.0, 3.0]])
+    found = ec.low_pass(times, values, 3.0, start=[0.5, 0.0])
+    close(found[0], np.array([0.5, 0.0]))
+    for column in range(2):
+        x = np.interp(fine, times, values[:, column])
+        y = ec.low_pass(fine, x, 3.0, start=found[0, column])
+        close(found[:, column], np.interp(times, fine, y), 1e-12)
+        slope = np.gradient(y, fine)[1:-1]
+        inside = np.abs(np.subtract.outer(fine[1:-1], times)).min(axis=1) > 1e-4
+        close(slope[inside], (3.0 * (x - y)[1:-1])[inside], 1e-4)
+    whole = ec.low_pass(times[2:], values[2:], 3.0, start=found[2])
+    close(whole, found[2:])
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "bandwidth", "message"),
+    [
+        ([0, 1], [1, 2, 3], 1.0, "times has shape"),
+        ([0, 0], [1, 2], 1.0, "times must increase"),
+        ([0, 1], [1, np.nan], 1.0, "must be finite"),
+        ([0, 1], [1, 2], 0.0, "bandwidth is 0.0; expected rad/s above zero"),
+    ],
+)
+def test_signals_that_no_low_pass_takes(
+    times: list[float], values: list[float], bandwidth: float, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        ec.low_pass(times, values, bandwidth)
