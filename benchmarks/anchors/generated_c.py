@@ -16,7 +16,7 @@ from anchors.build import BUILT, library
 Floats = npt.NDArray[np.float64]
 
 FLAGS = ("-std=gnu99", "-O3", "-march=native", "-ffp-contract=fast")
-_STATE = ("q", "qd", "qdd")
+_STATE = ("q", "qd", "qdd", "qdr", "qddr", "y")
 _ARGUMENT = re.compile(r"const double (\w+)\[(\d+)\]")
 
 # The loop is in a file of its own, so that the function is called and not dissolved in it.
@@ -44,7 +44,7 @@ class CompiledC:
     Attributes
     ----------
     arguments : tuple of (str, int)
-        Name and length of every argument; q, qd and qdd change from state to state.
+        Name and length of every argument; the state (q, qd, …) changes from call to call.
     size : int
         Length of the result.
     """

@@ -1,4 +1,4 @@
-// Pinocchio as a C++ user calls it: a model built from arrays, the regressor of many samples, single calls of RNEA.
+// Pinocchio as a C++ user calls it: a model built from arrays, the regressor of many samples, single calls of RNEA and ABA.
 //
 // Everything is instantiated here from the headers, so that the flags of this build apply to all of it.  The caller
 // times nothing: the loops are timed here, and Python costs nothing.
@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/regressor.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/multibody.hpp>
@@ -115,6 +116,20 @@ double anchor_rnea(void *handle, std::int64_t count, const double *q, const doub
     for (std::int64_t i = 0; i < count; ++i)
       Eigen::Map<Eigen::VectorXd>(torques + i * nv, nv) = pinocchio::rnea(
           robot.model, data, ConstVector(q + i * nq, nq), ConstVector(v + i * nv, nv), ConstVector(a + i * nv, nv));
+  return seconds_since(start);
+}
+
+// The same for accelerations by articulated bodies.
+double anchor_aba(void *handle, std::int64_t count, const double *q, const double *v, const double *torques,
+                  double *accelerations, std::int64_t rounds) {
+  auto &robot = *static_cast<Robot *>(handle);
+  auto &data = robot.of_thread(0);
+  const std::int64_t nq = robot.model.nq, nv = robot.model.nv;
+  const auto start = Clock::now();
+  for (std::int64_t round = 0; round < rounds; ++round)
+    for (std::int64_t i = 0; i < count; ++i)
+      Eigen::Map<Eigen::VectorXd>(accelerations + i * nv, nv) = pinocchio::aba(
+          robot.model, data, ConstVector(q + i * nq, nq), ConstVector(v + i * nv, nv), ConstVector(torques + i * nv, nv));
   return seconds_since(start);
 }
 

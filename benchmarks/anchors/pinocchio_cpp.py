@@ -36,6 +36,7 @@ def _loaded() -> ctypes.CDLL:
     )
     built.anchor_robot.restype = ctypes.c_void_p
     built.anchor_regressor.restype = built.anchor_rnea.restype = ctypes.c_double
+    built.anchor_aba.restype = ctypes.c_double
     return built
 
 
@@ -114,6 +115,21 @@ class CppRobot:
         self, states: tuple[Floats, Floats, Floats], out: Floats, rounds: int = 1
     ) -> float:
         """Seconds for single calls of RNEA, once per state and round; the last torques are left in `out`."""
+        return self._calls(self._library.anchor_rnea, states, out, rounds)
+
+    def aba(
+        self, states: tuple[Floats, Floats, Floats], out: Floats, rounds: int = 1
+    ) -> float:
+        """Seconds for single calls of ABA with torques in the place of accelerations."""
+        return self._calls(self._library.anchor_aba, states, out, rounds)
+
+    def _calls(
+        self,
+        function: Any,
+        states: tuple[Floats, Floats, Floats],
+        out: Floats,
+        rounds: int,
+    ) -> float:
         count = ctypes.c_int64(len(states[0]))
         arguments = (
             self._handle,
@@ -122,7 +138,7 @@ class CppRobot:
             _pointer(out),
             ctypes.c_int64(rounds),
         )
-        return float(self._library.anchor_rnea(*arguments))
+        return float(function(*arguments))
 
 
 def _axis(joint: Any) -> Any:

@@ -7,6 +7,7 @@ from echelon.base.derive import base_parameters as base_parameters
 from echelon.base.derive import base_structure as base_structure
 from echelon.base.expression import Expression as Expression
 from echelon.base.linear_base import LinearBase as LinearBase
+from echelon.base.low_pass import low_pass as low_pass
 from echelon.base.match import Match as Match
 from echelon.base.match import match as match
 from echelon.base.matrix import Identifiability as Identifiability

@@ -19,13 +19,12 @@ from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.dynamics.outputs import RecordedOutputs
 from echelon.loops.assembly import Assembly
 from echelon.robot.effect import Action, Effect, Side
-from echelon.robot.joint import MotionKind
 from echelon.robot.mechanism import Mechanism
 from echelon.shared.errors import InputError
 from support import linkages
 from support import textbook_arms as arms
 from support.described_robots import EVERYTHING, SENSORS, sensed
-from support.float_functions import ComplexArithmetic, evaluate
+from support.float_functions import ComplexArithmetic, evaluate, normalised
 from support.float_regressor import FloatArray, random_states
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
@@ -103,18 +102,6 @@ def test_an_unknown_name() -> None:
 
 
 # -- derivatives -------------------------------------------------------------------------------------------------------
-
-
-def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:
-    """Positions with unit quaternions, also if they are complex."""
-    q = q.copy()
-    for motion in mechanism.motions:
-        if motion.kind is MotionKind.BALL:
-            first = mechanism.positions.index(motion.positions[0])
-            q[:, first : first + 4] /= np.sqrt(
-                (q[:, first : first + 4] ** 2).sum(axis=1, keepdims=True)
-            )
-    return q
 
 
 @examples(10)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from echelon.algebra.program.function import Function
 from echelon.algebra.program.schedule import FloatArithmetic
+from echelon.robot.joint import MotionKind
 from echelon.robot.mechanism import Mechanism
 from echelon.robot.stated import symbol_values
 from support.small_kernels import FloatArray, by_numpy
@@ -35,3 +36,15 @@ def evaluate(
     ]
     own = {a.name: list(symbol_values(mechanism, a.labels).values()) for a in symbols}
     return by_numpy(function, {**values, **own}, arithmetic)
+
+
+def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:
+    """Positions with unit quaternions, also if they are complex."""
+    q = q.copy()
+    for motion in mechanism.motions:
+        if motion.kind is MotionKind.BALL:
+            first = mechanism.positions.index(motion.positions[0])
+            q[:, first : first + 4] /= np.sqrt(
+                (q[:, first : first + 4] ** 2).sum(axis=1, keepdims=True)
+            )
+    return q

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.algebra import Function
+from echelon.base.low_pass import low_pass
 from echelon.base.matrix import BaseMatrix
 from echelon.dynamics import ALL_FUNCTIONS, geometry_values, robot_function
 from echelon.robot import Mechanism
@@ -120,8 +121,8 @@ class Evaluation(ABC):
         name : str
             See :meth:`function`; ``function(name).arguments`` says what the state must hold.
         state : mapping of str to array
-            ``q``, ``qd``, ``qdd``, reference velocities ``qdr`` and accelerations ``qddr`` of shape (N, velocities), with
-            loops the independent ones, and ``parameters``, the values of base parameters; SI units.
+            ``q``, ``qd``, ``qdd``; reference velocities ``qdr`` and accelerations ``qddr``, with loops the independent
+            ones; outputs ``y``; and ``parameters``, the values of base parameters; SI units.
         symbols, inputs, out, threads
             See :class:`Evaluation`.
 
@@ -141,7 +142,7 @@ class Evaluation(ABC):
         >>> state = {"q": [0.3, 0.5], "qd": [1.0, 2.0], "qdr": [1.1, 1.9], "qddr": [0.5, 0.1]}
         >>> Y = base.evaluate("slotine_li_regressor", state)
         >>> zeta = [0.4, 0.3, 0.1, 0.2, 0.1, 0.05]
-        >>> abs(Y @ zeta - base.evaluate("slotine_li", {**state, "parameters": zeta})).max() < 1e-12
+        >>> bool(abs(Y @ zeta - base.evaluate("slotine_li", {**state, "parameters": zeta})).max() < 1e-12)
         True
         """
         return self._evaluator(name)(state, symbols, inputs, out, threads)
@@ -218,6 +219,57 @@ class Evaluation(ABC):
         return self._evaluator("standard_regressor")(
             {"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads
         )
+
+    def filtered_regressor(
+        self,
+        times: npt.ArrayLike,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        bandwidth: float,
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+    ) -> Floats:
+        """X̄ along a motion behind λ/(s + λ), without accelerations: λ (P − P filtered) and the bias filtered.
+
+        P is the regressor of the momentum, and the bias that of the outputs less the momentum's rate.  Filtered outputs
+        that belong to it are ``low_pass(times, y, bandwidth)``.
+
+        Parameters
+        ----------
+        times : array of shape (N,)
+            Increasing, s.
+        q, qd, symbols, inputs
+            See :class:`Evaluation`.
+        bandwidth : float
+            λ, rad/s.
+
+        Returns
+        -------
+        array of shape (N, outputs, base parameters)
+
+        Raises
+        ------
+        InputError
+            See :func:`low_pass`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import echelon as ec
+        >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+        >>> t = np.linspace(0, 2, 2001)[:, None]
+        >>> q, qd, qdd = (f(3*t + [0, 1]) * 3**k for k, f in enumerate([np.sin, np.cos, lambda x: -np.sin(x)]))
+        >>> X = ec.low_pass(t[:, 0], base.regressor(q, qd, qdd), 10.0)
+        >>> bool(abs(base.filtered_regressor(t[:, 0], q, qd, 10.0) - X).max() < 1e-4)
+        True
+        """
+        state = {"q": q, "qd": qd}
+        momenta = self.evaluate("momentum_regressor", state, symbols)
+        bias = self.evaluate("momentum_bias_regressor", state, symbols, inputs)
+        started = momenta[0] if len(momenta) else 0.0
+        rest = momenta - low_pass(times, momenta, bandwidth, started)
+        found: Floats = bandwidth * rest + low_pass(times, bias, bandwidth)
+        return found
 
     # -- outputs -------------------------------------------------------------------------------------------------
 

@@ -36,7 +36,9 @@ SUMMARY = "echelon.generated/1"  # schema of the summary
 TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
 FUNCTIONS = (
     "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives, "
-    "slotine_li, slotine_li_regressor, coriolis_matrix"
+    "slotine_li, slotine_li_regressor, coriolis_matrix, momentum, momentum_regressor, momentum_bias, "
+    "momentum_bias_regressor, kinetic_energy, kinetic_energy_regressor, potential_energy, "
+    "potential_energy_regressor, forward_dynamics, forward_dynamics_derivatives"
 )
 CONTACT_FUNCTIONS = "contact_jacobian"
 ONLINE = "online"

@@ -269,10 +269,12 @@ def generate(
         ``"c"``, ``"cpp"``, ``"cuda"``, ``"python"``, ``"jax"``, ``"casadi"``, ``"matlab"``, ``"julia"`` or ``"rust"``.
     functions : sequence of str, optional
         Of ``"regressor"``, ``"inverse_dynamics"``, ``"mass_matrix"``, ``"gravity"``, ``"coriolis"``, ``"effects"``,
-        ``"inverse_dynamics_derivatives"``, and with loops ``"closed_positions"``, ``"closed_velocities"``,
-        ``"closed_accelerations"``, ``"closure_pivots"``, ``"constraint_forces"``; in C also ``"online"``, recursive
-        least squares with the regressor; :data:`DEFAULT_FUNCTIONS` if omitted, without the mass matrix where effects
-        leave none.
+        ``"inverse_dynamics_derivatives"``; for controllers ``"slotine_li"``, ``"coriolis_matrix"``, ``"momentum"``,
+        ``"momentum_bias"``, ``"kinetic_energy"``, ``"potential_energy"``, ``"forward_dynamics"``,
+        ``"forward_dynamics_derivatives"``, and ``"slotine_li_regressor"`` and so on of the first, the momenta and the
+        energies; with loops ``"closed_positions"``, ``"closed_velocities"``, ``"closed_accelerations"``,
+        ``"closure_pivots"``, ``"constraint_forces"``; in C also ``"online"``, recursive least squares with the
+        regressor; :data:`DEFAULT_FUNCTIONS` if omitted, without the mass matrix where effects leave none.
     name : str, optional
         Stands before the functions' names and names the files; made from the robot's name if omitted.
     precision : str

@@ -33,7 +33,7 @@ class Arguments:
     standard: bool = False  # whether they are the standard parameters
 
     def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
-        """Arguments by name, of ``q qd qdd qdr qddr inputs parameters symbols``; the last and ``inputs`` only where needed."""
+        """Arguments of ``q qd qdd qdr qddr y inputs parameters symbols``; ``symbols`` and ``inputs`` if needed."""
         used = [
             n for n in self.program.needed(outputs) if self.program.ops[n] == Op.INPUT
         ]
@@ -44,6 +44,8 @@ class Arguments:
                     found.append(self._positions())
                 case "qd" | "qdd" | "qdr" | "qddr":
                     found.append(self._rates(name))
+                case "y":
+                    found.append(self._outputs())
                 case "parameters":
                     found.append(self._parameters())
                 case _:
@@ -107,6 +109,10 @@ class Arguments:
         labels = self.mechanism.independent_velocities
         of = ", independent" if self.mechanism.dependent_velocities else ""
         return self._named(kind, labels, [units[name] for name in labels], meaning + of)
+
+    def _outputs(self) -> Argument:
+        units = [output.unit for output in self.mechanism.outputs]
+        return self._named("y", row_names(self.mechanism), units, "outputs")
 
     def _parameters(self) -> Argument:
         inputs = (

@@ -8,7 +8,8 @@ dependently, and the forces of closures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -24,9 +25,13 @@ from echelon.algebra import (
     Schedule,
     derivatives,
     random_generator,
+    replayed,
 )
+from echelon.algebra import recorded as recorded_operation
 from echelon.dynamics.arguments import Arguments, coordinate_units, row_names
+from echelon.dynamics.articulated import TipFactor
 from echelon.dynamics.contact_motion import ContactMotion
+from echelon.dynamics.control import ControlOutputs
 from echelon.dynamics.linear_forms import inverse_dynamics_regressor
 from echelon.dynamics.loop_rows import dependent_motion
 from echelon.dynamics.outputs import RecordedOutputs
@@ -230,7 +235,7 @@ Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 
 Parts = Callable[
-    [RecordedOutputs], Sequence[Scalar]
+    [ControlOutputs], Sequence[Scalar]
 ]  # what every output is, or a part of it
 
 _VECTORS: Mapping[str, tuple[Parts, str, str]] = {
@@ -251,50 +256,124 @@ _VECTORS: Mapping[str, tuple[Parts, str, str]] = {
         "outputs of friction, springs and other effects",
     ),
     "slotine_li": (
-        RecordedOutputs.reference_forces,
+        ControlOutputs.reference_forces,
         "q qd qdr qddr inputs",
         "outputs M qddr + C(q, qd) qdr + g with C of Christoffel's symbols, and effects at qd",
+    ),
+    "momentum": (ControlOutputs.momentum, "q qd", "momentum p = M qd"),
+    "momentum_bias": (
+        ControlOutputs.momentum_bias,
+        "q qd inputs",
+        "outputs less the rate of the momentum, g - C' qd and effects: no accelerations",
     ),
 }
 """Functions with one value for each output: what is recorded, of which arguments, and its meaning."""
 
+_ENERGIES: Mapping[str, tuple[Parts, str, str]] = {
+    "kinetic_energy": (ControlOutputs.kinetic_energy, "q qd", "kinetic energy"),
+    "potential_energy": (
+        ControlOutputs.potential_energy,
+        "q",
+        "potential energy of the weight, up to a constant",
+    ),
+}
+"""Energies likewise."""
 
-def vector(name: str, recorded: RecordedOutputs) -> Function:
-    """Record one of the functions in :data:`_VECTORS`."""
-    parts, arguments, meaning = _VECTORS[name]
+
+def vector(name: str, recorded: ControlOutputs) -> Function:
+    """Record one of the functions in :data:`_VECTORS` or :data:`_ENERGIES`."""
+    units = tuple(output.unit for output in recorded.mechanism.outputs)
+    labels = recorded.names
+    if name in _ENERGIES:
+        recorded, labels, units = recorded.by_coordinate(name), (name,), ("J",)
+    parts, arguments, meaning = {**_VECTORS, **_ENERGIES}[name]
     entries: dict[Index, Scalar] = {
         (row,): force for row, force in enumerate(parts(recorded))
     }
-    units = tuple(output.unit for output in recorded.mechanism.outputs)
     arguments = f"{arguments} parameters symbols"
     return recorded.arguments.function(
-        name, entries, (recorded.names,), arguments, meaning, units
+        name, entries, (labels,), arguments, meaning, units
     )
 
 
 def _slopes(
-    name: str, of: str, by: str, arguments: str, recorded: RecordedOutputs
+    name: str, of: str, by: str, arguments: str, recorded: ControlOutputs
 ) -> Function:
     """Record the derivatives of one of these functions by the entries of an argument that it is linear in."""
     function = vector(of, recorded)
+    program = function.program
     (argument,) = (a for a in function.arguments if a.name == by)
-    found = derivatives(recorded.program, list(function.outputs), argument.nodes)
+    found = derivatives(program, list(function.outputs), argument.nodes)
     rows = [row for (row,) in function.entries]
     # column by column: the order in which intermediate values are soonest done with
     entries: dict[Index, Scalar] = {
-        (rows[row], column): Scalar(recorded.program, found[row, column])
+        (rows[row], column): Scalar(program, found[row, column])
         for row, column in sorted(found, key=lambda index: index[1])
     }
     axes = (*function.axes, argument.labels)
     meaning = f"{function.meaning}, per unit of each entry of {by}"
-    return recorded.arguments.function(name, entries, axes, arguments, meaning)
+    made = replace(recorded.arguments, program=program)
+    return made.function(name, entries, axes, arguments, meaning)
 
 
-def mass_matrix(recorded: RecordedOutputs) -> Function:
+def forward_dynamics(articulated: bool, recorded: ControlOutputs) -> Function:
+    """Record q̈ from outputs y, the inverse of the inverse dynamics."""
+    recorded = recorded.by_coordinate("forward_dynamics")
+    mechanism = recorded.mechanism
+    found = recorded.accelerations(articulated and recorded.is_open)
+    entries: dict[Index, Scalar] = {(k,): value for k, value in enumerate(found)}
+    axes = (mechanism.independent_velocities,)
+    arguments = "q qd y inputs parameters symbols"
+    meaning = "accelerations that outputs y cause"
+    units = recorded.acceleration_units
+    return recorded.arguments.function(
+        "forward_dynamics", entries, axes, arguments, meaning, units
+    )
+
+
+def forward_dynamics_derivatives(recorded: ControlOutputs) -> Function:
+    """Record [∂q̈/∂q, ∂q̈/∂q̇, ∂q̈/∂y] = M⁻¹ [−∂r/∂q, −∂r/∂q̇, T], where r are the forces that the motion needs.
+
+    Columns of unit quaternions are those of :func:`inverse_dynamics_derivatives`.
+    """
+    recorded = recorded.by_coordinate("forward_dynamics_derivatives")
+    mechanism, program, copy = recorded.mechanism, recorded.program, Program()
+    slopes, masses = recorded.state_derivatives(), recorded.masses()
+    free = mechanism.independent_velocities
+    known: dict[int, int] = {}
+
+    def copied(values: Iterable[Scalar]) -> list[Scalar]:
+        nodes = [value.node for value in values]
+        found = replayed(program, nodes, copy, known, recorded_operation)
+        return [Scalar(copy, node) for node in found]
+
+    # the derivatives are those at given accelerations, which the forces cause
+    moved = copied(recorded.accelerations(False))
+    for name, value in zip(free, moved, strict=True):
+        known[program.input(f"qdd[{name}]").node] = value.node
+    factor = TipFactor(copy, dict(zip(masses, copied(masses.values()), strict=True)))
+    rights = {index: -slope for index, slope in slopes.items()}
+    width = len(recorded.state)
+    rights |= {(row, width + k): rate for (row, k), rate in recorded.applied.items()}
+    made = dict(zip(rights, copied(rights.values()), strict=True))
+    entries: dict[Index, Scalar] = {}
+    for column in range(width + len(mechanism.outputs)):
+        right = [made.get((row, column), copy.zero) for row in range(len(free))]
+        for row, value in enumerate(factor.solve(right)):
+            entries[row, column] = value
+    driven = tuple(f"y[{name}]" for name in row_names(mechanism))
+    return replace(recorded.arguments, program=copy).function(
+        "forward_dynamics_derivatives",
+        entries,
+        (free, (*recorded.state, *driven)),
+        "q qd y inputs parameters symbols",
+        "derivatives of the forward dynamics by positions, velocities and outputs",
+    )
+
+
+def mass_matrix(recorded: ControlOutputs) -> Function:
     """Record M = ∂y/∂q̈."""
-    entries: dict[Index, Scalar] = dict(recorded.inertial_mass().items())
-    for index, slope in recorded.effect_inertia().items():
-        entries[index] = entries[index] + slope
+    entries = recorded.masses()
     axes = (recorded.names, recorded.mechanism.independent_velocities)
     meaning = "outputs per unit of each acceleration"
     return recorded.arguments.function(
@@ -302,15 +381,13 @@ def mass_matrix(recorded: RecordedOutputs) -> Function:
     )
 
 
-def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
+def inverse_dynamics_derivatives(recorded: ControlOutputs) -> Function:
     """Record [∂y/∂q, ∂y/∂q̇].
 
     A unit quaternion's four columns are the derivatives of the quaternion of the same direction: they vanish along it,
     so that they hold for changes along the unit sphere and for normalised ones.
     """
-    entries = recorded.inertial_derivatives()
-    for index, slope in recorded.effect_derivatives().items():
-        entries[index] = entries[index] + slope
+    entries = recorded.state_derivatives()
     meaning = "derivatives of the inverse dynamics by positions and velocities"
     axes = (recorded.names, recorded.state)
     arguments = "q qd qdd inputs parameters symbols"
@@ -334,14 +411,16 @@ def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     return Function("regressor", forms.program, made, entries, axes, meaning=meaning)
 
 
-def _cheapest(build: Callable[[RecordedOutputs], Function]) -> Builder:
-    """Record with and without sums of angles, and keep what costs less."""
+def _cheapest(*builds: Callable[[ControlOutputs], Function]) -> Builder:
+    """Record in several ways, with and without sums of angles, and keep what costs least."""
 
     def builder(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
-        return min(
-            (build(RecordedOutputs(mechanism, pivots, sums)) for sums in (False, True)),
-            key=_price,
+        made = (
+            build(ControlOutputs(mechanism, pivots, sums))
+            for sums in (False, True)
+            for build in builds
         )
+        return min(made, key=_price)
 
     return builder
 
@@ -363,6 +442,10 @@ _DERIVED: Mapping[str, tuple[str, str, str]] = {
         "q qd qdr qddr inputs symbols",
     ),
     "coriolis_matrix": ("slotine_li", "qdr", "q qd parameters symbols"),
+    "momentum_regressor": ("momentum", "parameters", "q qd symbols"),
+    "momentum_bias_regressor": ("momentum_bias", "parameters", "q qd inputs symbols"),
+    "kinetic_energy_regressor": ("kinetic_energy", "parameters", "q qd symbols"),
+    "potential_energy_regressor": ("potential_energy", "parameters", "q symbols"),
 }
 """Functions that are derivatives: of which function, by which argument, and their own arguments."""
 
@@ -370,7 +453,11 @@ _FUNCTION_PRICE = 25
 """Cost of a sine or cosine in multiplications: in vectorised machine code a pair takes as long as about fifty."""
 
 FUNCTIONS: Mapping[str, Builder] = {
-    **{name: _cheapest(partial(vector, name)) for name in _VECTORS},
+    **{name: _cheapest(partial(vector, name)) for name in (*_VECTORS, *_ENERGIES)},
+    "forward_dynamics": _cheapest(
+        partial(forward_dynamics, True), partial(forward_dynamics, False)
+    ),
+    "forward_dynamics_derivatives": _cheapest(forward_dynamics_derivatives),
     "mass_matrix": _cheapest(mass_matrix),
     "inverse_dynamics_derivatives": _cheapest(inverse_dynamics_derivatives),
     "regressor": regressor,

@@ -275,13 +275,8 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
     """Record E(q, q̇) = kinetic + potential energy, one row: the constant 1, then a column per standard parameter."""
     program = Program()
     recorder = Recorder(mechanism, program)
-    rates = _all_rates(recorder)
-    energies = {
-        index: _energy_of_body(rates[index]) for index in mechanism.first_column
-    }
-    sums = column_sums(mechanism, energies, lambda body, kind: energies[body][kind])
     entries = {(0, 0): program.one.node} | _row(
-        {1 + column: energy for column, energy in sums.items()}
+        {1 + column: energy for column, energy in energies(recorder).items()}
     )
     loops = recorded_loops(recorder)
     return LinearForms(
@@ -291,6 +286,13 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
         loops,
         values=_stated(mechanism),
     )
+
+
+def energies(recorder: Recorder) -> dict[int, Scalar]:
+    """Kinetic and potential energy per unit of each standard parameter, by column."""
+    mechanism, rates = recorder.mechanism, _all_rates(recorder)
+    found = {index: _energy_of_body(rates[index]) for index in mechanism.first_column}
+    return column_sums(mechanism, found, lambda body, kind: found[body][kind])
 
 
 def energy_changes(mechanism: Mechanism) -> BlockRows:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echelon.algebra import Op, Polynomial, Program, Scalar, derivatives, rates
+from echelon.algebra import Op, Polynomial, Program, Scalar, derivatives
 from echelon.dynamics.arguments import Arguments, parameter_input, row_names
 from echelon.dynamics.composite import (
     by_quaternion,
@@ -48,7 +48,6 @@ from echelon.robot import (
     Step,
     Vector,
     VirtualMotion,
-    cross,
     merge,
     motion_of_joints,
     pseudo_inertia,
@@ -86,7 +85,7 @@ class RecordedOutputs:
                 f"pivots are different column numbers from 0 to {len(columns) - 1}, got {list(pivots)}"
             )
         self.mechanism, self.program, self._sums = mechanism, Program(), sums
-        self._reframed = reframed(mechanism)
+        self._pivots, self._reframed = pivots, reframed(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
         inputs = {
             p: parameter_input(columns[p].name, standard=dependent) for p in pivots
@@ -126,17 +125,6 @@ class RecordedOutputs:
     def forces(self) -> list[Scalar]:
         """Inertial forces with gravity, and all effects, one for each row."""
         return [a + b for a, b in zip(self.inertial(True), self.effects(), strict=True)]
-
-    def reference_forces(self) -> list[Scalar]:
-        """Forces M q̈ᵣ + C q̇ᵣ + g with Christoffel's C(q, q̇), and effects at q̇, one for each row."""
-        # the inertial forces are affine in q̈ and gravity, and quadratic in q̇ with Christoffel's symbols as half of
-        # their second derivatives: their rate in the direction (q̇ᵣ/2, q̈ᵣ, g) is M q̈ᵣ + C q̇ᵣ + g
-        weight = self.program.input("weight")
-        forces = self._rows(efforts(self._inertias, self._motion(weight=weight)))
-        direction = self._reference_direction() | {weight.node: self.program.one}
-        inertial = rates(self.program, [f.node for f in forces], direction)
-        effects = self._total_effects(self._at_reference())
-        return [a + b for a, b in zip(inertial, effects, strict=True)]
 
     def weight(self) -> list[Scalar]:
         """Forces that hold the bodies' weight at rest, one for each row."""
@@ -185,13 +173,27 @@ class RecordedOutputs:
             else self._derivatives_in_loops(motion, forces)
         )
 
+    def state_derivatives(self) -> dict[Index, Scalar]:
+        """Derivatives of all forces by row and column; see :meth:`inertial_derivatives`."""
+        entries = self.inertial_derivatives()
+        for index, slope in self.effect_derivatives().items():
+            entries[index] = entries[index] + slope
+        return entries
+
+    def masses(self) -> dict[Index, Scalar]:
+        """Entries of the mass matrix, effects included, by row and column."""
+        entries = self.inertial_mass()
+        for index, slope in self.effect_inertia().items():
+            entries[index] = entries[index] + slope
+        return entries
+
     def _derivatives_in_loops(
         self, motion: DependentMotion, forces: Sequence[Scalar]
     ) -> dict[Index, Scalar]:
         """Derivatives of forces along the motions of the independent coordinates."""
         program, free = self.program, self.mechanism.independent_velocities
         along = [
-            motion.position_rates(speeds) for speeds in self._unit_motions.values()
+            motion.position_rates(unit.freedoms) for unit in self._unit_motions.values()
         ]
         along += [{program.input(f"qd[{name}]").node: program.one} for name in free]
         inputs = list(dict.fromkeys(node for rates in along for node in rates))
@@ -243,7 +245,8 @@ class RecordedOutputs:
         """Entries between freedoms as entries between outputs and velocity coordinates."""
         found: dict[Index, Scalar] = {}
         zero = self.program.zero
-        for column, moved in enumerate(self._unit_motions.values()):
+        for column, unit in enumerate(self._unit_motions.values()):
+            moved = unit.freedoms
             efforts: dict[str, Scalar] = {}
             for (effort, cause), entry in matrix.items():
                 if cause in moved:
@@ -321,58 +324,16 @@ class RecordedOutputs:
     def _recorder(self, *still: str) -> Recorder:
         return Recorder(self.mechanism, self.program, self._given(*still))
 
-    def _at_reference(self) -> Recorder:
-        """Positions and velocities, with the rates of the reference velocities as accelerations."""
-        program, state = self.program, self._recorder()
-        given = {f"qd[{n}]": speed for n, speed in self._speeds("qdr").items()}
-        reference = Recorder(self.mechanism, program, given).coordinates
-        seeds = state.position_rates(self._speeds("qd"))
-        for name in self.mechanism.independent_velocities:
-            node = program.input(f"qdr[{name}]").node
-            seeds[node] = program.input(f"qddr[{name}]")
-        nodes = [rate.node for at in reference.values() for rate in at.rate]
-        made = iter(rates(program, nodes, seeds))
-        state.coordinates = {
-            name: replace(at, acceleration=tuple(next(made) for _ in at.rate))
-            for name, at in state.coordinates.items()
-        }
-        return state
+    def _motion(self, *still: str, gravity: bool = True) -> ForwardPass:
+        weight = self.program.one if gravity else self.program.zero
+        return self._forward(self._given(*still), weight)
 
-    def _reference_direction(self) -> dict[int, Scalar]:
-        """Directions (q̇ᵣ/2, q̈ᵣ) of the rates' inputs, by node; see :meth:`reference_forces`."""
-        program, now, reference = self.program, self._speeds("qd"), self._speeds("qdr")
-        found: dict[str, Scalar] = {}
-        for name in self.mechanism.independent_velocities:
-            found[f"qd[{name}]"] = reference[name] / 2
-            found[f"qdd[{name}]"] = program.input(f"qddr[{name}]")
-        # a ball's velocities are no rates of coordinates: half of the bracket of the two motions is added
-        for motion in self.mechanism.free_motions:
-            if motion.kind is MotionKind.BALL:
-                x, y, z = motion.velocities
-                turning = (now[x], now[y], now[z])
-                bracket = cross(turning, (reference[x], reference[y], reference[z]))
-                for name, part in zip(motion.velocities, bracket, strict=True):
-                    if (key := f"qdd[{name}]") in found:
-                        found[key] = found[key] + part / 2
-        return {program.input(name).node: value for name, value in found.items()}
-
-    def _speeds(self, kind: str) -> dict[str, Scalar]:
-        """Velocities of all coordinates from those of the independent ones, which are inputs."""
-        free = self.mechanism.independent_velocities
-        chosen = {name: self.program.input(f"{kind}[{name}]") for name in free}
-        closed = self.dependent_motion
-        return chosen if closed is None else chosen | closed.speeds(chosen)
-
-    def _motion(
-        self, *still: str, gravity: bool = True, weight: Scalar | None = None
-    ) -> ForwardPass:
-        recorder = Recorder(self._reframed.mechanism, self.program, self._given(*still))
-        base = recorder.gravity() if gravity else recorder.zeros
-        if weight is not None:
-            base = scale(base, weight)
-        return ForwardPass(
-            recorder, Probes(recorder.mechanism, recorder), base, sums=self._sums
-        )
+    def _forward(self, given: Mapping[str, Scalar], weight: Scalar) -> ForwardPass:
+        """Motion of all frames, with values that stand in for inputs, and gravity times a factor."""
+        recorder = Recorder(self._reframed.mechanism, self.program, given)
+        probes = Probes(recorder.mechanism, recorder)
+        base = scale(recorder.gravity(), weight)
+        return ForwardPass(recorder, probes, base, sums=self._sums)
 
     def _rows(self, efforts: Mapping[str, Scalar]) -> list[Scalar]:
         """Outputs that read efforts of freedoms."""
@@ -410,22 +371,16 @@ class RecordedOutputs:
         ]
 
     @cached_property
-    def _unit_motions(self) -> dict[str, Mapping[str, Scalar]]:
-        """For every independent velocity coordinate, the velocities of all coordinates while it alone has one."""
-        mechanism, one = self.mechanism, self.program.one
-        recorder, found = (
-            Recorder(mechanism, self.program),
-            dict[str, Mapping[str, Scalar]](),
-        )
+    def _unit_motions(self) -> dict[str, VirtualMotion]:
+        """For every independent velocity coordinate, the motion of all coordinates while it alone has a velocity."""
+        mechanism, closed = self.mechanism, self.dependent_motion
+        recorder = Recorder(mechanism, self.program)
+        found: dict[str, VirtualMotion] = {}
         for name in mechanism.independent_velocities:
-            moved = (
-                {}
-                if self.dependent_motion is None
-                else self.dependent_motion.speeds({name: one})
-            )
-            found[name] = motion_of_joints(
-                mechanism, recorder, {name: one, **moved}
-            ).freedoms
+            moved = {name: self.program.one}
+            if closed is not None:
+                moved |= closed.speeds(moved)
+            found[name] = motion_of_joints(mechanism, recorder, moved)
         return found
 
 
