@@ -157,7 +157,7 @@ def validate(
             tally.add(some.outputs[output], (some.source, some.segment))
     if not any(tally.whole[0].rows for tally in tallies):
         raise InputError(
-            "there are no rows to predict: filters, gaps or slow motion left nothing"
+            "no rows left to predict: filters, gaps or slow motion removed all"
         )
     named = list(zip(tallies, outputs, strict=True))
     scores = {
