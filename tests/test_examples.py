@@ -14,7 +14,7 @@ PRINTED = {
     "03_regressor.py": "X = X̄ B: True",
     "04_values_and_lift.py": "same base parameters: True",
     "05_save_and_verify.py": "altered: unit, expression or values of ZZ1 contradict its terms",
-    "06_audit.py": "M2 has the coefficient l1 instead of l1^2",
+    "06_audit.py": "M2 has the coefficient l1 = 0.3 instead of l1^2 = 0.09",
     "07_sensors.py": "sufficient: base",
     "08_generate_code.py": "generated code agrees: True",
     "09_linear_model.py": "c + d",

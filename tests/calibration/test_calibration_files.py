@@ -105,7 +105,7 @@ def test_the_calibrated_description_needs_no_calibration(tmp_path: Path) -> None
 
 MISTAKES = {
     "no body": ([{"pose": "nothing"}], "no body or link 'nothing'"),
-    "no rotation": ([{"pose": "hand", "columns": "m1_"}], "there is no rotation"),
+    "no rotation": ([{"pose": "hand", "columns": "m1_"}], "the rotation is missing"),
     "no column": ([{"distance": "hand"}], "there is no column 'distance1'"),
     "points of a pose": (
         [{"pose": "hand", "points": {"a": None}}],
@@ -225,7 +225,7 @@ READ_WRONGLY: dict[str, tuple[list[dict[str, object]], str]] = {
     ),
     "columns of one distance": (
         [{"distance": "three", "columns": ["x", "y", "z"]}],
-        "3 columns are no distance",
+        "3 columns do not make a distance",
     ),
     "columns of a known length": (
         [{"distance": "three", "length": 0.5, "columns": "x"}],

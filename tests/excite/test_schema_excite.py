@@ -300,15 +300,15 @@ def test_numbers_of_python_are_accepted() -> None:
         ),
         (
             "{limits: {velocity: inf}}",
-            "velocity: 'inf' is not a finite number: write none where there is no limit",
+            "velocity: 'inf' is not a finite number: write none for no limit",
         ),
         (
             "{limits: {effort: {j1: .inf}}}",
-            "effort.j1: '.inf' is not a finite number: write none where",
+            "effort.j1: '.inf' is not a finite number: write none for",
         ),
         (
             "{limits: {position: {j1: [-inf, 1]}}}",
-            "position.j1: '-inf' is not a finite number: write none where",
+            "position.j1: '-inf' is not a finite number: write none for",
         ),
         (
             "{limits: {jerk: {j1: -3}}}",

@@ -56,7 +56,7 @@ def test_one_harmonic_does_not_tell_a_spring_from_a_rotor() -> None:
 def test_what_is_no_series_is_refused() -> None:
     with pytest.raises(ec.InputError, match="loops or contacts"):
         ec.motion_ranks(EXAMPLES / "loops/four_bar.yaml")
-    with pytest.raises(ec.InputError, match="no series"):
+    with pytest.raises(ec.InputError, match="not a series"):
         ec.motion_ranks(EXAMPLES / "floating_tree.yaml")
 
 

@@ -206,7 +206,7 @@ REFUSED = {
     ),
     "the world": (
         GAZEBO.replace("<parent>coupler", "<parent>world"),
-        "the world is no link of a URDF",
+        "the world is not a link of a URDF",
     ),
     "nothing says how": (
         "",

@@ -175,7 +175,7 @@ def test_drives_of_mjcf_become_attributes_of_joints(tmp_path: Path) -> None:
         model.qpos_spring, [-values["Ps1"] / values["Ks1"], 0], rtol=1e-14
     )
     assert (
-        "stiffness stays as in the input where the identified model has no such effect: 'k'"
+        "stiffness stays as in the input, since the identified model has no such effect: 'k'"
         in written.notes
     )
 

@@ -256,7 +256,7 @@ def test_instruments_must_fit() -> None:
         instrumental(rows, zero)
     W = np.repeat(np.eye(2), 3, axis=0)
     other = np.column_stack([W[:, 0], np.array([0, 0, 0, 1.0, -1.0, 0])])
-    with pytest.raises(InputError, match="say nothing of a combination of p2"):
+    with pytest.raises(InputError, match="do not determine a combination of p2"):
         instrumental(
             ArrayRows([W], [[1.0, 1.1, 0.9, 2, 2.1, 1.9]]),
             ArrayRows([other], [np.zeros(6)]),

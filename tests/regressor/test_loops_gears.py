@@ -79,7 +79,7 @@ def test_ratios_of_gears(
 @pytest.mark.slow
 def test_a_symbol_in_a_ratio_is_taken_at_its_value() -> None:
     base = ec.base_parameters(geared("n*rocker", "n: 3/4"))
-    assert "the symbol 'n' is taken at its value everywhere" in base.reading.notes[0]
+    assert "the symbol 'n' is replaced by its value everywhere" in base.reading.notes[0]
     state = states(base.mechanism, 5)
     full = base.standard_regressor(*state)
     np.testing.assert_allclose(

@@ -172,7 +172,7 @@ def test_broken_limits_come_before_all_else() -> None:
 
 def test_no_limits_are_no_safety() -> None:
     page = Page(preview_html(replace(trajectory(), margins=())))
-    assert "No limit was checked." in page.words
+    assert "No limit is checked." in page.words
     assert "Every limit is kept" not in page.words
     assert not any("good" in (a.get("class") or "").split() for _, a in page.elements)
 

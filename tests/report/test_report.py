@@ -160,14 +160,14 @@ def test_any_robot(robot: str) -> None:
     )  # fmt: skip
     page = Page(report_html(one))
     assert page.open == []
-    assert ("There is no drawing" in page.words) == (robot == "coupled_arm")
+    assert ("No drawing" in page.words) == (robot == "coupled_arm")
 
 
 def test_little_is_enough() -> None:
     """No prior, no unseen data, no physical fit, no findings, no verdict; and no signals at all."""
     words = Page(report_html(bare())).words
     for said in (
-        "No data were kept back",
+        "No data were held out",
         "No physically consistent fit",
         "No warnings about",
         "was not tested",

@@ -76,7 +76,7 @@ def exchange_note(
     )
     before, now = (_scaled(one, mechanism) for one in (classical, matrix))
     return (
-        f"representatives are {taken} in place of {left}, which have a weak effect: coefficients would reach "
+        f"the representatives {taken} replace {left}, which have a weak effect: coefficients would reach "
         f"{before:.0e}, and now reach {now:.2g}"
     )
 

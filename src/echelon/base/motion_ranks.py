@@ -70,7 +70,7 @@ def motion_ranks(
         raise InputError("motions of robots with loops or contacts are not free series")
     if any(motion.kind is MotionKind.BALL for motion in robot.motions):
         raise InputError(
-            "a free rotation is no series: hold it, or replace it by three turns"
+            "a free rotation is not a series: hold it, or replace it by three turns"
         )
     rng = random_generator(seed)
     every = powers_along(robot, Program(), {})

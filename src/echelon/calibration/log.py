@@ -112,8 +112,8 @@ def _check_unlogged(model: ErrorModel, unlogged: Sequence[str], source: str) -> 
         for motion in mechanism.bodies[index].joint.motions:
             if motion.name in unlogged:
                 raise InputError(
-                    f"it has no positions of '{motion.name}', which moves what is measured; of a joint that rests, "
-                    f"state where:  locked: {{{motion.name}: 0}}",
+                    f"it has no positions of '{motion.name}', which moves the tool; for a joint at rest, state its "
+                    f"position:  locked: {{{motion.name}: 0}}",
                     source=source,
                 )
 
@@ -161,7 +161,7 @@ def _measured(table: Table, sight: Sight, read: list[str]) -> Floats | None:
                 return _values(sight, shift, turn, angles=parts is _ANGLES)
         shown = f"{before}r11 … {before}r33, {before}qw … {before}qz or {before}rx … {before}rz"
         raise InputError(
-            f"there is no rotation: name its columns {shown}, or state  columns"
+            f"the rotation is missing: name its columns {shown}, or state  columns"
         )
     except InputError as error:
         raise InputError(error.problem, element=f"measure '{sight.name}'") from None
@@ -173,7 +173,8 @@ def _stated(table: Table, names: _Named, sight: Sight, stated: Sequence[str]) ->
     if len(stated) not in wanted:
         counts = " or ".join(map(str, wanted))
         raise InputError(
-            f"{len(stated)} columns are no {sight.kind}, which has {counts}: x y z of a position, then nine of a "
+            f"{len(stated)} columns do not make a {sight.kind}, which has {counts}: x y z of a position, then nine "
+            "of a "
             "matrix, four of a quaternion w x y z, or three of a rotation vector"
         )
     _check_order(sight, stated)
@@ -204,7 +205,8 @@ def _check_order(sight: Sight, stated: Sequence[str]) -> None:
         angles = [any(end.endswith(angle) for angle in _ANGLES) for end in part]
         if any(angles):
             raise InputError(
-                "roll, pitch and yaw are no rotation vector: leave out  columns, or state what their names begin with"
+                "roll, pitch and yaw are not a rotation vector: leave out  columns, or state the beginning of "
+                "their names"
             )
         if None not in known and known != list(usual):
             shown = " ".join(usual)
@@ -288,7 +290,8 @@ def _values(
     count = 3 if sight.kind == "position" else None
     if len(shift) != 3 or (count is None and len(turn) not in ROTATIONS):
         raise InputError(
-            f"{len(shift) + len(turn)} columns are no {sight.kind}: three of a position, then nine of a matrix, four "
+            f"{len(shift) + len(turn)} columns do not make a {sight.kind}: three of a position, then nine of a "
+            "matrix, four "
             "of a quaternion w x y z, or three of a rotation vector"
         )
     if count is not None:
@@ -323,5 +326,5 @@ def _rotation(parts: Floats, *, angles: bool) -> Floats:
         np.abs(nearest - matrices).max() > LARGEST_SKEW
         or np.linalg.det(nearest).min() < 0
     ):
-        raise InputError("its matrices are no rotations")
+        raise InputError("its matrices are not rotations")
     return nearest

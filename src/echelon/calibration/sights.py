@@ -121,7 +121,7 @@ def sights_of(
         on = GROUND if entry.on is None else _place(mechanism, entry.on)[0]
         if on == body:
             raise InputError(
-                f"tool and outer frame are both on '{entry.body}', so that nothing moves between them",
+                f"tool and outer frame are both on '{entry.body}', so nothing moves between them",
                 element=f"measure '{name}'",
             )
         _check(entry, name)
@@ -192,7 +192,7 @@ def _last_body(mechanism: Mechanism) -> str:
     tips = [mechanism.bodies[k].name for k in moving if k not in parents]
     if len(tips) != 1:
         raise InputError(
-            f"the robot has several tips: say what is measured, as in  measure: [{{pose: {tips[0]}}}]"
+            f"the robot has several tips: state the measured body, as in  measure: [{{pose: {tips[0]}}}]"
         )
     return tips[0]
 

@@ -22,7 +22,7 @@ def run_verify(file: Path, seed: int | None, *, as_json: bool) -> int:
             step(f"{title}: independent verifier")
             code, sentence = judge(file.read_bytes())
         if code == Exit.REFUTED:
-            raise CertificateError(f"the independent verifier says: {sentence}")
+            raise CertificateError(f"independent verifier: {sentence}")
     except CertificateError as error:
         refusal = json_text({"valid": False, "reason": str(error)})
         show(refusal if as_json else f"{file}: NOT valid: {one_line(str(error))}")

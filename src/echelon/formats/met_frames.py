@@ -87,7 +87,7 @@ def _rounded(
     if not known.keys() >= {s for placement in chain for s in placement.symbols()}:
         shown = ", ".join(angles[:3])
         raise ValueError(
-            f"between the two bodies lie {len(angles)} angles that are no multiples of 15° ({shown}, …), too many to "
+            f"between the two bodies lie {len(angles)} angles other than multiples of 15° ({shown}, …), too many to "
             "derive the second frame from the first: state both, or values of all symbols"
         )
     pose = reduce(

@@ -198,7 +198,7 @@ class PassesOverData:
         found = list(chain.from_iterable(parts))
         if not found:
             raise InputError(
-                "nothing of the logs is left to fit: filters, gaps or slow motion took all samples"
+                "no samples left to fit: filters, gaps or slow motion removed all"
             )
         return found
 

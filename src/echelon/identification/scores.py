@@ -34,7 +34,7 @@ class Trace:
     time: Floats  # shape (k,)
     measured: Floats  # shape (k,)
     predicted: Floats  # shape (k,)
-    prior: Floats | None = None  # shape (k,); prediction of the model one had before
+    prior: Floats | None = None  # shape (k,); prediction of the model before the fit
     # shape (k,), rad/s or m/s; of the output's first joint or drive, None for wrenches
     speed: Floats | None = None
 
@@ -226,7 +226,7 @@ class Validation:
     source: str  # the log
     role: str  # ``"identification"`` or ``"validation"``: whether the fit saw it
     scores: tuple[Score, ...]  # of the model, one per output
-    # of the model one had before, and of one that was fitted without friction; empty where there is none
+    # of the model before the fit, and of one that was fitted without friction; empty where there is none
     prior_scores: tuple[Score, ...] = ()
     plain_scores: tuple[Score, ...] = ()
     traces: tuple[Trace, ...] = ()

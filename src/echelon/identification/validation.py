@@ -41,7 +41,7 @@ from echelon.shared import Flags, Floats, InputError
 Models = Mapping[str, Floats]
 """Parameters of the models that are compared by name: the identified one first, then those of :data:`BESIDE`."""
 BESIDE = ("prior", "plain")
-"""What the identified model is compared with: the model one had before, and one without friction, fitted alike."""
+"""What the identified model is compared with: the model before the fit, and one without friction, fitted alike."""
 # samples of a stretch that tell the noise of its sensor, to a hundredth
 NOISE_ORDER = 4  # of the differences that leave the noise of a sensor: motion is slow against its samples
 _NAN = float("nan")
@@ -157,7 +157,7 @@ def validate(
             tally.add(some.outputs[output], (some.source, some.segment))
     if not any(tally.whole[0].rows for tally in tallies):
         raise InputError(
-            "there are no rows to predict: filters, gaps or slow motion left nothing"
+            "no rows left to predict: filters, gaps or slow motion removed all"
         )
     named = list(zip(tallies, outputs, strict=True))
     scores = {

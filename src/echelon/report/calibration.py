@@ -11,7 +11,7 @@ from echelon.report.page import Context, html_page, significant
 from echelon.shared import Floats, one_line, public
 
 TITLES = {
-    "residuals": "What is left, before and after",
+    "residuals": "Residuals before and after",
     "combinations": "Combinations of errors",
 }
 """Sections below the header, in order."""
@@ -52,7 +52,7 @@ def calibration_html(found: Calibration) -> str:
         {},
         styles=[],
         scripts=[],
-        without_script="Tables cannot be sorted without JavaScript, which is off.",
+        without_script="Sorting needs JavaScript, which is switched off.",
     )
 
 

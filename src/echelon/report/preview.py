@@ -63,7 +63,7 @@ TITLES = {
     "robot": "How the robot moves",
     "motion": "Joint motion against its limits",
     "limits": "Margins to every limit",
-    "showing": "What the motion will show",
+    "showing": "Expected accuracy",
     "starts": "Starts of the optimisation",
     "settings": "Settings",
 }
@@ -147,7 +147,7 @@ def preview_html(found: ExcitingTrajectory) -> str:
         data,
         styles=["preview.css"],
         scripts=["preview.js", "preview_robot.js", "preview_plots.js"],
-        without_script="The moving picture and the plots need JavaScript, which is off.",
+        without_script="The moving picture and the plots need JavaScript, which is switched off.",
     )
 
 
@@ -194,9 +194,9 @@ def verdict(margins: tuple[Margin, ...], unchecked: bool = False) -> str:
     """
     broken = sum(1 for margin in margins if not margin.kept)
     if not margins:
-        return "No limit was checked."
+        return "No limit is checked."
     if not broken:
-        checked = "Every limit that was checked" if unchecked else "Every limit"
+        checked = "Every checked limit" if unchecked else "Every limit"
         return f"{checked} is kept {when_kept(margins)}{'; collisions were not checked' * unchecked}."
     return f"Do not run this: {broken} of {len(margins)} limits {'is' if broken == 1 else 'are'} broken."
 

@@ -51,8 +51,8 @@ TITLES = {
     "traces": "Measured and predicted",
     "residuals": "Residuals",
     "conditioning": "What the data show",
-    "links": "What the sensors see of each link",
-    "structure": "Which parameters merge where",
+    "links": "Identifiable parameters of each link",
+    "structure": "How parameters combine",
     "physics": "Physical consistency",
     "preparation": "Preparation and settings",
 }
@@ -71,12 +71,12 @@ _CHOSEN = {
     "physical": "the physically consistent fit",
 }
 _SETTINGS = {
-    "band": ("kept of both sides, up to", "Hz"),
-    "lowpass": ("low-pass over single positions", "Hz"),
+    "band": ("pass band of both sides", "Hz"),
+    "lowpass": ("low-pass of single positions", "Hz"),
     "measured": ("derivatives from the log", ""),
-    "still": ("left out below the speed", ""),
-    "rest": ("at rest below that speed", ""),
-    "delays": ("delays undone", "s"),
+    "still": ("least speed of the fit", ""),
+    "rest": ("outputs at rest below it", ""),
+    "delays": ("corrected delays", "s"),
     "trim": ("left out at both ends", "s"),
     "rate": ("resampled to", "Hz"),
 }
@@ -128,7 +128,7 @@ def report_html(identification: Identification) -> str:
         payload(identification.validations),
         styles=[],
         scripts=["report.js"],
-        without_script="Plots, sorting and searching need JavaScript, which is off.",
+        without_script="Plots, sorting and searching need JavaScript, which is switched off.",
     )
 
 

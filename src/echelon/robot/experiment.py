@@ -118,7 +118,7 @@ class Experiment:
         gone = next((name for name in asked if name not in measured), None)
         if gone is not None:
             raise InputError(
-                f"'{gone}' is locked, so that its force is not measured: leave it out of the sensors",
+                f"'{gone}' is locked, so its force is not measured: leave it out of the sensors",
                 element=self._where,
             )
         if not measured:
@@ -206,7 +206,7 @@ def _turned_to(own: Vector | None, wanted: Sequence[float], where: str) -> Place
     if numbers is None or None in numbers:
         problem = "is absent" if own is None else "has symbols"
         raise InputError(
-            f"the robot's own gravity {problem}, so that it cannot be turned: state gravity with numbers in its file",
+            f"the robot's own gravity {problem}, so it cannot be turned: state gravity with numbers in its file",
             element=where,
         )
     stated = np.array(wanted, dtype=float)

@@ -605,7 +605,7 @@ def _check_couplings(mechanism: Mechanism) -> None:
                 )
         if mechanism.closures and any(function.knots for _, function in coupling.terms):
             raise InputError(
-                "with loops, couplings must be polynomials; state the piece of the spline that is meant, or read the "
+                "with loops, couplings must be polynomials; state the right piece of the spline, or read the "
                 "model without couplings (--mimic independent, independent_mimics=True)",
                 element=where,
             )

@@ -63,7 +63,7 @@ def symbol_values(
     given = {} if overrides is None else overrides
     if not isinstance(given, Mapping):
         raise InputError(
-            "symbols are no mapping of names to numbers, such as {'l1': 0.3}"
+            "symbols are not a mapping of names to numbers, such as {'l1': 0.3}"
         )
     if given:
         known = all_symbols(mechanism)

@@ -162,7 +162,7 @@ def check_unpacked(
 ) -> None:
     """Refuse an archive that grows out of proportion."""
     if unpacked > most_unpacked(packed):
-        problem = f"unpacks to more than {UNPACKED} and {EXPANSION}; if that is meant, save it without compression"
+        problem = f"unpacks to more than {UNPACKED} and {EXPANSION}; if that is right, save it without compression"
         raise InputError(problem, source=source, element=element)
 
 

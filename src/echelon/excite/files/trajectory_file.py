@@ -156,7 +156,7 @@ def trajectory_to_json(trajectory: Trajectory, **extra: Any) -> dict[str, Any]:
     if not np.all(np.isfinite(coefficients)):
         name = names[int(np.argmin(np.isfinite(coefficients).all(axis=0)))]
         raise InputError(
-            "a coefficient is not finite, so that no file can hold it",
+            "a coefficient is not finite, and files cannot contain it",
             element=f"coordinate '{name}'",
         )
     for key in extra:

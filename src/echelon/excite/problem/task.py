@@ -211,7 +211,7 @@ class _Resolver:
             told = f"is wider than the robot file's, [{stated[0]:g}, {stated[1]:g}] {self.units[name]}"
         if told:
             shown = f"[{found[0]:g}, {found[1]:g}]"
-            problem = f"the position range of '{name}', {shown}, {told}; if it is meant, write beyond_file: true"
+            problem = f"the position range of '{name}', {shown}, {told}; if it is right, write beyond_file: true"
             raise InputError(problem, source=self.source, element="position limits")
 
     def _rate(self, order: int, name: str, default: float) -> float:
@@ -252,7 +252,7 @@ class _Resolver:
         if self.unlimited:
             names = listed(self.unlimited)
             text = f"the robot file states an effort of 0 for {names}, which counts as unknown: no limit"
-            advice = f"write limits: effort: {{{self.unlimited[0]}: 50}}, or none if it is meant"
+            advice = f"write limits: effort: {{{self.unlimited[0]}: 50}}, or none if it is right"
             yield warning("effort", self.source, f"{text}; {advice}")
 
     # -- drives ----------------------------------------------------------------------------------------------------

@@ -570,7 +570,7 @@ def check_use(
         if name not in mechanism.symbols and robot.symbols[name] is not None
     ]
     return [
-        f"the symbol '{name}' is taken at its value everywhere, as loops need ratios that are numbers"
+        f"the symbol '{name}' is replaced by its value everywhere, since loops need numeric ratios"
         if name in put_in
         else f"the symbol '{name}' is not used"
         for name in unused

@@ -156,7 +156,7 @@ class _Carrier(Model):
     )
     massless: Flag = optional(False, "Carries no parameters.", True)
     parameters: Annotated[tuple[Kind, ...], AS_LIST] | None = optional(
-        None, "The ones of the ten that it carries, if not all.", ["ZZ"]
+        None, "Its parameters, if it carries fewer than ten.", ["ZZ"]
     )
     separate: Flag = optional(
         False,
@@ -295,8 +295,8 @@ class RobotDescription(Model):
     )
     rounding: Number | None = optional(
         None,
-        "With loops, the unit of the last decimal of the numbers of the geometry, rad or a share of the size, where "
-        "relations between them may be meant that hold to it only; 0 if they are exact. As Echelon writes it.",
+        "With loops, the unit of the last decimal of the numbers of the geometry, rad or a share of the size, if "
+        "intended relations between them hold only to it; 0 if they are exact. As Echelon writes it.",
         1e-6,
     )
     actuators: dict[str, Expression | LinearTerms] = optional(

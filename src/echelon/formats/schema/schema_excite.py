@@ -47,9 +47,7 @@ def _limit(value: object) -> float:
     if value == _NONE:
         return math.inf
     if NOT_FINITE.fullmatch(str(value).strip()):
-        raise refusal(
-            f"'{value}' is not a finite number: write none where there is no limit"
-        )
+        raise refusal(f"'{value}' is not a finite number: write none for no limit")
     return number(value)
 
 
@@ -212,7 +210,7 @@ class HalfSpaceEntry(Model):
     """The points p of the base frame with normal · p ≥ offset."""
 
     normal: Unit = required(
-        "Direction of any length, out of what is forbidden.", [0, 0, 1]
+        "Direction of any length, out of the forbidden side.", [0, 0, 1]
     )
     offset: Number = optional(
         0.0, "Distance of the plane from the base along the normal, m.", 0.1

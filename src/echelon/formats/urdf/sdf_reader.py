@@ -592,7 +592,7 @@ class _SdfReader(_Frames):
 
 
 def _is_general(placement: LiteralPlacement) -> bool:
-    """Whether a placement turns by angles that are no multiples of 15°."""
+    """Whether a placement turns by angles other than multiples of 15°."""
     return any(
         abs(angle - nearest_step(angle)) > ANGLE_TOLERANCE
         for angle in map(float, placement.rpy)

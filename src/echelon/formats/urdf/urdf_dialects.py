@@ -172,7 +172,7 @@ class UrdfLoops(ExactXml):
             raise self.error(f"<{tag}> with the name of a link is missing", where)
         if name == WORLD and name not in self.position:
             raise self.error(
-                f"the world is no link of a URDF: hold the root link, or {self.advice}",
+                f"the world is not a link of a URDF: hold the root link, or {self.advice}",
                 where,
             )
         if name not in self.position:

@@ -256,7 +256,7 @@ def kept_notes(
             if value and name not in written.get(joint, {}):
                 kept.setdefault(name, []).append(joint)
     for name, joints in kept.items():
-        yield f"{name} stays as in the input where the identified model has no such effect: {in_quotes(joints)}"
+        yield f"{name} stays as in the input, since the identified model has no such effect: {in_quotes(joints)}"
 
 
 def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | None:

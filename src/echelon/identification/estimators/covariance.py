@@ -177,8 +177,8 @@ class _Jackknife:
         )
         names = ", ".join(self.estimate.parameters[k] for k in np.argsort(-weight)[:3])
         return InputError(
-            f"without it the data say nothing of a combination of {names}, so no other batch can confirm it: "
-            "use shorter batches, or more data",
+            f"only this batch determines a combination of {names}, and no other batch confirms it: use shorter "
+            "batches, or more data",
             element=f"batch {batch.name}",
         )
 

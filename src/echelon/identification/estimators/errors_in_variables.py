@@ -265,7 +265,7 @@ def _check_strength(
         worst = np.argsort(-np.abs(directions[-1]))[:3]
         names = ", ".join(layout.parameters[k] for k in worst)
         raise InputError(
-            f"the instruments say nothing of a combination of {names}: they do not follow the measured motion"
+            f"the instruments do not determine a combination of {names}: they do not follow the measured motion"
         )
 
 

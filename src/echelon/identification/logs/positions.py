@@ -43,8 +43,8 @@ def logged_positions(
     found_q = recording(replace(table, clocks={}), chosen, logged).signals["q"]
     if found_q.shape[1] != len(logged.positions) or (loops and unlogged):
         raise InputError(
-            "positions of joints in loops are missing: measure all of them, since those that follow from the nominal "
-            "geometry say nothing about its errors",
+            "positions of joints in loops are missing: measure all of them, since positions from the nominal "
+            "geometry do not show its errors",
             source=table.source,
         )
     q = np.zeros((len(found_q), len(mechanism.positions)))

@@ -129,7 +129,7 @@ def without_placeholder(
     if width <= WIDEST * size:
         return body, None
     text = f"the prior's inertia needs a radius of gyration of {width:.2g} m, with links of {size:.2g} m at most; its "
-    text += "mass and centre are kept, its extent is taken to be that of a plain body"
+    text += "mass and centre are kept, a plain body replaces its extent"
     finding = warning("implausible prior", f"body '{name}'", text)
     return _shrunk(body, RADIUS * size / width), finding
 

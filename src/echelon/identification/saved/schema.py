@@ -153,7 +153,7 @@ class ValidationRecord(FiniteRecord):
     source: str
     role: Literal["identification", "validation"]
     scores: list[ScoreRecord]
-    prior_scores: list[ScoreRecord] = Field(description="Of the model one had before.")
+    prior_scores: list[ScoreRecord] = Field(description="Of the model before the fit.")
     plain_scores: list[ScoreRecord] = Field(
         description="Of a model that was fitted without friction."
     )

@@ -148,7 +148,7 @@ class ServoFit:
         """Reasons not to use the model; empty if there are none."""
         scores = self.held_out or self.fitted
         found = [
-            f"joint '{s.joint}' is not where the model says (R² {s.r2:.3f})"
+            f"joint '{s.joint}' does not follow the model (R² {s.r2:.3f})"
             for s in scores
             if not s.r2 >= GOOD
         ]

@@ -171,7 +171,7 @@ def _with_rate(found: Understood, log: LogFile) -> Understood:
                 ),
             )
         rate = _roundest(rate, 2 * error)
-        text += f": the rate is taken to be {rate:.6g} Hz"
+        text += f": the rate is {rate:.6g} Hz"
     else:
         return found
     return replace(

@@ -408,7 +408,7 @@ def _say_missing(mechanism: Mechanism, kind: str, missing: Sequence[str]) -> str
         if any(joint in missing for joint, _ in a.terms)
     ]
     text += f", or for the actuators {listed(motors)}" if motors else ""
-    rests = f"; of a joint that rests, state where:  locked: {{{missing[0]}: 0}}"
+    rests = f"; for a joint at rest, state its position:  locked: {{{missing[0]}: 0}}"
     return text + (rests if kind == "position" else "; give all or none")
 
 

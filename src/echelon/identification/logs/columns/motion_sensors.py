@@ -95,7 +95,7 @@ class _Turns:
             or not all(_parallel(axis, a) for a in self.axes.values())
         ):
             problem = f"joint '{step.name}' turns neither about the vertical, below all joints that tilt the body, nor "
-            problem += "about the level axis of these, so that the angle is no sum of coordinates: log its position"
+            problem += "about the level axis of these, so the angle is not a sum of coordinates: log its position"
             raise InputError(problem)
         self.axes[step.name] = axis
 
@@ -137,7 +137,7 @@ def _ratios(mechanism: Mechanism, joint: str) -> dict[str, float]:
     for name, function in coupling.terms:
         ratio = function.ratio
         if ratio is None:
-            problem = f"'{joint}' follows from '{name}' by a function that is not linear, so that the angle is no sum"
+            problem = f"'{joint}' follows from '{name}' by a nonlinear function, so the angle is not a sum"
             raise InputError(problem)
         found[name] = float(ratio.at(symbol_values(mechanism, ratio.symbols())))
     return found

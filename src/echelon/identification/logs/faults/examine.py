@@ -295,7 +295,7 @@ class _Examination:
             # two joints may well be asked to move alike, but they will not
             if others and signals != {"reference"} and not loads:
                 labels = listed(channel.label for channel in others)
-                text = f"has the same values as {labels} in every sample: was one column taken twice?"
+                text = f"has the same values as {labels} in every sample: was one column used twice?"
                 self.say("duplicate", first.label, text)
 
     def look_for_saturation(self) -> None:

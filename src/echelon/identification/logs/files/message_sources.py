@@ -200,7 +200,7 @@ def _files(path: Path) -> list[Path]:
     if not os.path.isdir(path):
         if existing_file(path).suffix != ".db3":
             raise InputError(
-                "is no .db3 file; the files of a ROS bag are .bag, .db3 or .mcap",
+                "is not a .db3 file; the files of a ROS bag are .bag, .db3 or .mcap",
                 source=os.fspath(path),
             )
         return [path]

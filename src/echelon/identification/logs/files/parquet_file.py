@@ -141,7 +141,7 @@ def _length(sample: Any) -> tuple[int, str]:
     if not lengths:
         return (
             0,
-            "its first lists are missing, so that the number of their entries is not known",
+            "its first lists are missing, so the number of their entries is unknown",
         )
     if len(lengths) > 1:
         return (

@@ -96,7 +96,7 @@ class Signals:
     def of(segments: Sequence[Segment], mechanism: Mechanism) -> Signals:
         """The stretches that have the rate of the longest."""
         if not segments:
-            raise InputError("there is no data to choose settings from")
+            raise InputError("no data to choose settings from")
         longest = max(segments, key=len).rate
         alike = [
             segment
