@@ -52,13 +52,15 @@ class Search:
     states: tuple[Floats, Floats, Floats] | None
 
 
-def environment(python: str | None = None) -> str:
+def environment(python: str | None = None, needed: str = _NEEDED) -> str:
     """The interpreter of an environment that holds FIGAROH with its solver.
 
     Parameters
     ----------
     python : str, optional
         An interpreter to take; else one is made.
+    needed : str
+        Imports that it must manage.
 
     Raises
     ------
@@ -66,10 +68,8 @@ def environment(python: str | None = None) -> str:
         If it has not what is needed, or the packages cannot be had.
     """
     if python is not None:
-        if not _works(python):
-            raise UnavailableError(
-                f"{Path(python).name} does not import figaroh and cyipopt"
-            )
+        if not _works(python, needed):
+            raise UnavailableError(f"{Path(python).name} does not manage: {needed}")
         return python
     folder = BUILT / f"figaroh-{VERSION}-solver"
     made = str(
@@ -82,7 +82,7 @@ def environment(python: str | None = None) -> str:
 
 def versions(python: str) -> tuple[str, str]:
     """Of FIGAROH and of its IPOPT."""
-    figaroh, ipopt = _run(python, "-c", _VERSIONS).stdout.split()
+    figaroh, ipopt = run_isolated(python, "-c", _VERSIONS).stdout.split()
     return figaroh, ipopt
 
 
@@ -99,7 +99,7 @@ def searched(python: str, urdf: Path, reach: float, seed: int) -> Search:
     seed : int
     """
     script = HERE.parent / "probes" / "figaroh_trajectory.py"
-    done = _run(python, str(script), str(urdf), str(reach), str(seed))
+    done = run_isolated(python, str(script), str(urdf), str(reach), str(seed))
     if done.returncode:
         raise RuntimeError(f"FIGAROH's search failed:\n{done.stderr[-2000:]}")
     told: dict[str, Any] = json.loads(done.stdout)
@@ -114,7 +114,7 @@ def searched(python: str, urdf: Path, reach: float, seed: int) -> Search:
 
 def _install(folder: Path, python: str) -> None:
     venv.create(folder, clear=True, with_pip=True)
-    done = _run(
+    done = run_isolated(
         python,
         "-m",
         "pip",
@@ -131,15 +131,15 @@ def _install(folder: Path, python: str) -> None:
         raise UnavailableError("; ".join(["it cannot be installed", *reasons[-1:]]))
 
 
-def _works(python: str) -> bool:
+def _works(python: str, needed: str = _NEEDED) -> bool:
     try:
-        return _run(python, "-c", _NEEDED).returncode == 0
+        return run_isolated(python, "-c", needed).returncode == 0
     except OSError:
         return False
 
 
-def _run(python: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    # isolated: neither this environment's paths nor the script's folder
+def run_isolated(python: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a program of another environment, with neither this environment's paths nor the script's folder."""
     variables = {**os.environ, "MPLBACKEND": "Agg"}
     return subprocess.run(
         [python, "-I", *arguments],

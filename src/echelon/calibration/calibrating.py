@@ -42,6 +42,8 @@ LARGE = 5.0
 """Size of a combination, beside its usual deviation, that builders do not leave: 50 mm, or 9°."""
 ALIKE, WORSE = 0.8, 1.5
 """Shares of what was left before: from these on nothing was explained, or held-out rows speak against the values."""
+OTHERS = 10.0
+"""Size of what is left in held-out rows, beside the noise of a fit to all, from which rows explain only themselves."""
 SAME_ANGLE = 1e-5
 """Difference of angles as read and as written, rad, that no calibration tells."""
 HELD = 2
@@ -495,20 +497,21 @@ def _doubts(scores: Sequence[CalibrationScore]) -> tuple[str, ...]:
     for score in scores:
         usual = USUAL_SHIFT if score.unit == "m" else USUAL_TURN
         after = score.median  # which outliers hardly move
+        seen_only = after > OTHERS * score.noise  # rows of the fit are explained
         large = after > FAR * usual
         unexplained = after > ALIKE * score.before and after > usual / 2
         worse = after > WORSE * score.before and after > usual / 100
         end = f"{_shown(score.before, score.unit)} before and {_shown(score.after, score.unit)} after"
-        if large or unexplained:
+        if (large or unexplained) and not seen_only:
             found.append(
                 f"measure '{score.name}': no small errors explain it, with {end} in held-out rows: check for "
                 "degrees read as rad, mm as m, Euler angles as a rotation vector, the inverse pose, and the order "
                 "of columns or joints"
             )
-        elif worse:
+        elif worse or large or unexplained:
             found.append(
-                f"measure '{score.name}': the calibration predicts held-out rows worse than the nominal geometry, "
-                f"with {end}: measure more poses"
+                f"measure '{score.name}': the fit explains the poses of the fit, but not the held-out ones, with {end}: "
+                "measure more poses"
             )
     return tuple(found)
 

@@ -34,7 +34,7 @@ FIRST_SHIFT, FIRST_TURN = 1e-2, 3e-2
 """Noise from which its estimation begins, m and rad: what a nominal geometry leaves."""
 SMALLEST_NOISE = 1e-9
 """Noise at least, m or rad, so that exact data have finite weights."""
-STARTS, AGREEING = 60, 3
+STARTS, AGREEING = 30, 3
 """Random rotations of unknown frames at most, and how often the best fit must be found."""
 SAME_COST = 1e-3
 """Relative difference of fits that count as one."""

@@ -260,9 +260,7 @@ def _beginning(
 
 
 def _beginnings(sight: Sight, stated: str | None, marker: str) -> Iterator[str]:
-    stems = [marker] if marker else [sight.name, sight.name.partition(".")[0]]
-    for mark in _SEPARATORS:
-        yield from (f"{stated or ''}{stem}{mark}" for stem in stems)
+    yield from (f"{stated or ''}{marker or sight.name}{mark}" for mark in _SEPARATORS)
     if not marker:
         yield stated or ""
 
