@@ -15,9 +15,10 @@ CENTRE = np.array([[0, -0.03, -0.08], [0, -0.07, 0.03], [0.04, 0.02, -0.04], [-0
 RADIUS = np.array([0.10, 0.10, 0.09, 0.09, 0.11, 0.07, 0.08])
 
 LAMBDA = 4.0  # 1/s
-GAIN = np.array([30, 30, 15, 15, 2, 1.5, 0.3])  # N·m·s/rad
+GAIN = np.array([20, 20, 10, 8, 1.5, 1.0, 0.2])  # N·m·s/rad
 ADAPTATION = 1.0  # 1/s
 STEP = 0.004  # s, of controller and simulation
+PERIOD = 4.0  # s, of the motion
 
 
 def standard(mass: float, centre: np.ndarray, radius: float) -> list[float]:
@@ -32,10 +33,10 @@ links = zip(MASS, CENTRE, RADIUS, strict=True)
 TRUE = base.values(np.concatenate([standard(*link) for link in links]))
 
 rng = np.random.default_rng(0)
-MIDDLE = np.array([0, 0.2, 0, -1.6, 0, 1.8, 0.5])
-SIZE = rng.uniform(0.1, 0.25, (3, 7))
-RATE = rng.uniform(1.0, 4.0, (3, 7))
-PHASE = rng.uniform(0, 2 * np.pi, (3, 7))
+MIDDLE = np.array([0, 0.9, 0.4, -1.7, 0.4, 1.8, 0.5])
+SIZE = rng.uniform(0.1, 0.3, (2, 7))
+RATE = 2 * np.pi / PERIOD * np.array([[1], [2]])
+PHASE = rng.uniform(0, 2 * np.pi, (2, 7))
 
 
 def wanted(t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
