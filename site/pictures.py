@@ -149,6 +149,7 @@ def residuals() -> str:
 
 def write(folder: Path) -> None:
     """The pictures of README and of the documentation."""
+    import adaptive_picture
     import echelon
     import elastic_picture
     import experiments_picture
@@ -172,6 +173,8 @@ def write(folder: Path) -> None:
     (folder / "experiments.svg").write_text(won, encoding="utf-8")
     drive = elastic_picture.picture()
     (folder / "elastic-drive.svg").write_text(drive, encoding="utf-8")
+    learning = adaptive_picture.picture(ROOT / "examples/14_adaptive_control.py")
+    (folder / "adaptive-control.svg").write_text(learning, encoding="utf-8")
 
 
 if __name__ == "__main__":
