@@ -149,6 +149,7 @@ def residuals() -> str:
 
 def write(folder: Path) -> None:
     """The pictures of README and of the documentation."""
+    import adaptive_picture
     import badges_picture
     import echelon
     import elastic_picture
@@ -175,6 +176,8 @@ def write(folder: Path) -> None:
     (folder / "elastic-drive.svg").write_text(drive, encoding="utf-8")
     badges = badges_picture.picture(ROOT)
     (folder / "badges.svg").write_text(badges, encoding="utf-8")
+    learning = adaptive_picture.picture(ROOT / "examples/14_adaptive_control.py")
+    (folder / "adaptive-control.svg").write_text(learning, encoding="utf-8")
 
 
 if __name__ == "__main__":

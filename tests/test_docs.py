@@ -176,6 +176,7 @@ def test_pictures_are_those_of_this_program(tmp_path: Path) -> None:
     """``python site/pictures.py`` draws them again."""
     module("rooms_picture", "rooms_picture.py")
     module("elastic_picture", "elastic_picture.py")
+    module("adaptive_picture", "adaptive_picture.py")
     module("pictures", "pictures.py").write(tmp_path)
     kept = {
         picture.name: picture.read_text(encoding="utf-8")
