@@ -294,7 +294,7 @@ def test_import_is_light() -> None:
         "sympy",
         "pydantic",
         "rich",
-        "typer",
+        "click",
         "mujoco",
         "yaml",
         "scipy",

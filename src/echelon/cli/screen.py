@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 
-import typer
+import click
 
 from echelon.shared import one_line
 
@@ -25,7 +25,7 @@ def set_verbosity(verbose: bool) -> None:
 
 def show(text: str) -> None:
     """Print text or JSON, with a line break at its end."""
-    typer.echo(visible(text.removesuffix("\n")))
+    click.echo(visible(text.removesuffix("\n")))
 
 
 def visible(text: str) -> str:
