@@ -289,6 +289,44 @@ def test_help_loads_next_to_nothing() -> None:
     assert not loaded(show) & {"sympy", "pydantic", "mujoco", "scipy", "yaml", "rich"}
 
 
+DERIVE = """
+import io, sys
+from contextlib import redirect_stdout
+from echelon.cli import main
+sys.argv = ["echelon", "derive", {robot!r}]
+with redirect_stdout(io.StringIO()) as text:
+    try:
+        main()
+    except SystemExit as ended:
+        assert not ended.code
+assert "43 base parameters of 70" in text.getvalue()
+"""
+
+
+def test_derive_loads_only_what_it_needs() -> None:
+    """Half of the time that a person waits for a small robot is imports."""
+    found = loaded(DERIVE.format(robot=PANDA))
+    assert {"click", "flint", "numpy", "yaml"} <= found
+    others = "pydantic pydantic_core typer rich jinja2 sympy scipy mujoco pyarrow llvmlite plotly"
+    assert not found & {*others.split(), "xml", "email"}
+
+
+def test_a_command_is_built_alone() -> None:
+    """The parameters of the others are not even looked at."""
+    code = """
+import echelon.cli.app as app
+built = []
+make = app._built
+app._built = lambda name, *more: built.append(name) or make(name, *more)
+sys.argv = ["echelon", "schema", "comparison"]
+from echelon.cli import main
+try: main()
+except SystemExit: pass
+assert built == ["schema"], built
+"""
+    loaded(code)
+
+
 def test_import_is_light() -> None:
     assert not loaded("import echelon") & {
         "sympy",

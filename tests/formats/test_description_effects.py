@@ -91,7 +91,7 @@ def test_errors_about_keys_show_the_line_to_write(text: str, problem: str) -> No
 
 def test_errors_about_a_whole_sensor_are_not_about_its_key() -> None:
     """The kinds of sensors have the names of keys."""
-    problem = r"outputs\[0\]: needs one of the keys joint, .*; write  outputs: "
+    problem = r"outputs\[0\]: needs one of the keys joint, .*; write outputs: "
     with pytest.raises(ec.InputError, match=problem):
         ec.load_setup(f"{ARM}outputs: [{{force: j1}}]\n")
 
