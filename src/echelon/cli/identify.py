@@ -259,7 +259,7 @@ def run_check(
     if as_json:
         show(json_text(_record(found)))
         return
-    for line in (*setup.assumed, *_lines(found, len(paths))):
+    for line in (*setup.unmeasured, *setup.assumed, *_lines(found, len(paths))):
         show(one_line(line))
     say_time(started)
 

@@ -71,6 +71,8 @@ class Setup:
         Whether the usual effects are among them, so that rotors are tried where data ask for them.
     assumed : tuple of str
         What was taken for granted where the file is silent, in sentences.
+    unmeasured : tuple of str
+        Outputs that no log has, and what follows, in sentences.
     excitation : ExcitationEntry
         What a trajectory has to keep that excites the parameters; see :func:`echelon.exciting_trajectory`.
     measure : tuple of MeasureEntry
@@ -94,6 +96,7 @@ class Setup:
     states_effects: bool = True
     usual: bool = False
     assumed: tuple[str, ...] = ()
+    unmeasured: tuple[str, ...] = ()
     excitation: ExcitationEntry = field(default_factory=ExcitationEntry.model_construct)
     measure: tuple[MeasureEntry, ...] = ()
     seed: int = DEFAULT_SEED

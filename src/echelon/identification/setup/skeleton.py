@@ -118,12 +118,15 @@ def skeleton(
         "#",
     ]
     head += (
-        _comments("found", found.notes)
+        _comments("found", (*found.notes, *found.unmeasured))
         + _comments("not decided", questions)
         + _comments("tried", trial)
     )
     return Skeleton(
-        "\n".join(head) + "\n" + body, questions, (*found.notes, *trial), is_read
+        "\n".join(head) + "\n" + body,
+        questions,
+        (*found.notes, *found.unmeasured, *trial),
+        is_read,
     )
 
 
