@@ -185,7 +185,8 @@ Ordering = Annotated[Order, Option(help="Which parameters become representatives
 Prefer = Annotated[
     list[str] | None,
     Option(
-        help="A parameter (M7) or kind (MX) wanted as representative; may be repeated."
+        metavar="PARAMETER",
+        help="A parameter (M7) or kind (MX) wanted as representative; may be repeated.",
     ),
 ]
 Budget = Annotated[
@@ -201,7 +202,8 @@ Floating = Annotated[bool, Option(help="Let the root link float.")]
 Gravity = Annotated[
     str,
     Option(
-        help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'."
+        metavar="GRAVITY",
+        help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'.",
     ),
 ]
 SnapTolerance = Annotated[
@@ -218,7 +220,7 @@ KeepFixedLinks = Annotated[
 ]
 Massless = Annotated[
     list[str] | None,
-    Option(help="A link that carries no parameters; may be repeated."),
+    Option(metavar="LINK", help="A link that carries no parameters; may be repeated."),
 ]
 
 Ignore = Annotated[
@@ -273,6 +275,7 @@ _READING: dict[str, tuple[Any, Any]] = {
             str,
             Option(
                 "--model",
+                metavar="NAME",
                 help="Name of the model, if several of an SDF file have joints.",
             ),
         ],

@@ -40,8 +40,9 @@ def calibrate(
     errors: Annotated[
         str,
         Option(
+            metavar="KINDS",
             help="Errors that are looked for, with commas between: frames, modified_dh, standard_dh, offsets, gears, "
-            "stiffness."
+            "stiffness.",
         ),
     ] = "frames",
     output: Annotated[
@@ -49,6 +50,7 @@ def calibrate(
         Option(
             "--output",
             "-o",
+            metavar="DIR",
             help="Directory for calibration.json, calibration.html and the calibrated robot.",
         ),
     ] = None,

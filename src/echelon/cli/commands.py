@@ -210,7 +210,10 @@ def identify(
     output: Annotated[
         Path | None,
         Option(
-            "--output", "-o", help="Directory for model, report, robot file and code."
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Directory for model, report, robot file and code.",
         ),
     ] = None,
     force: Force = False,
@@ -244,12 +247,18 @@ def identify(
     ] = None,
     target: Annotated[
         str,
-        Option("--target", "-t", help="Language of the model's source, or none."),
+        Option(
+            "--target",
+            "-t",
+            metavar="LANGUAGE",
+            help="Language of the model's source, or none.",
+        ),
     ] = "c",
     dask: Annotated[
         str | None,
         Option(
-            help="Address of a Dask scheduler, or a number of processes to start here."
+            metavar="ADDRESS",
+            help="Address of a Dask scheduler, or a number of processes to start here.",
         ),
     ] = None,
     check: Annotated[
@@ -388,17 +397,22 @@ def audit(
     naming: Annotated[
         str,
         Option(
-            help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio."
+            metavar="NAMES",
+            help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.",
         ),
     ] = "auto",
     define: Annotated[
         list[str] | None,
-        Option(help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated."),
+        Option(
+            metavar="NAME=EXPRESSION",
+            help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated.",
+        ),
     ] = None,
     ignore: Annotated[
         list[str] | None,
         Option(
-            help="Parameters that the robot file leaves out, 'fv*'; may be repeated."
+            metavar="PATTERN",
+            help="Parameters that the robot file leaves out, 'fv*'; may be repeated.",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -466,7 +480,8 @@ def compare(
     lock: Annotated[
         list[str] | None,
         Option(
-            help="A joint to hold, such as finger=0, in each robot that has it; may be repeated."
+            metavar="NAME=POSITION",
+            help="A joint to hold, such as finger=0, in each robot that has it; may be repeated.",
         ),
     ] = None,
     as_json: AsJson = False,

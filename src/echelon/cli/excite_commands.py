@@ -29,7 +29,8 @@ SetupFile = Annotated[
     ),
 ]
 Move = Annotated[
-    list[str] | None, Option(help="A coordinate that moves; may be repeated.")
+    list[str] | None,
+    Option(metavar="NAME", help="A coordinate that moves; may be repeated."),
 ]
 Prior = Annotated[
     Path | None,
@@ -57,6 +58,7 @@ def excite(
         Option(
             "--output",
             "-o",
+            metavar="DIR",
             help="Directory for trajectory.json, samples and preview.html.",
         ),
     ] = None,

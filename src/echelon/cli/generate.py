@@ -49,22 +49,33 @@ def generate(
     ],
     output: Annotated[
         Path,
-        Option("--output", "-o", help="Directory for the files, or one file."),
+        Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Directory for the files, or one file.",
+        ),
     ],
     read: dict[str, Any],
     force: Force = False,
-    target: Annotated[str, Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
+    target: Annotated[
+        str, Option("--target", "-t", metavar="LANGUAGE", help=f"One of {TARGETS}.")
+    ] = "c",
     function: Annotated[
         str | None,
         Option(
             "--function",
             show_default="regressor,inverse_dynamics,mass_matrix,gravity",
+            metavar="NAMES",
             help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}; with contacts {CONTACT_FUNCTIONS}.",
         ),
     ] = None,
     name: Annotated[
         str | None,
-        Option(help="Stands before the functions' names; made from the robot's."),
+        Option(
+            metavar="NAME",
+            help="Stands before the functions' names; made from the robot's.",
+        ),
     ] = None,
     precision: Annotated[
         Literal["double", "single"], Option(help="Floating-point type.")
@@ -72,13 +83,15 @@ def generate(
     parameters: Annotated[
         str | None,
         Option(
-            help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
+            metavar="VALUES",
+            help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file.",
         ),
     ] = None,
     keep_symbols: Annotated[
         str | None,
         Option(
-            help="Geometry that becomes an argument instead of constants: 'all', or names with commas."
+            metavar="NAMES",
+            help="Geometry that becomes an argument instead of constants: 'all', or names with commas.",
         ),
     ] = None,
     order: Ordering = "base-to-tip",
