@@ -14,7 +14,7 @@ from enum import Enum
 from functools import cached_property
 from math import inf
 from sys import float_info
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import flint
 import numpy as np
@@ -267,17 +267,14 @@ def sympy_generators(
     )
 
 
-ORDERS = get_args(Order)
 EXCHANGE_COST = 5.0
 """Cost of a product in an exchange, relative to one in a sum: every sum is reduced on its own."""
 
 
 def column_order(
-    columns: Sequence[Parameter], order: str, prefer: Sequence[str] = ()
+    columns: Sequence[Parameter], order: Order, prefer: Sequence[str] = ()
 ) -> tuple[int, ...]:
     """Columns from most to least preferred as representative."""
-    if order not in ORDERS:
-        raise InputError(f"unknown order '{order}' (valid: {', '.join(ORDERS)})")
     numbers = list(range(len(columns)))
     if (
         order == "tip-to-base"

@@ -339,6 +339,7 @@ def _log_section(
     for key, group in columns.channels.items():
         if group:
             lines += _group(key, group)
+            lines += _in_amperes(group) if key == "output" else []
         elif key == "position" or (key == "output" and not columns.inputs):
             lines.append(
                 f'  # {key}: "…_{{n}}"                       # one column for each of {listed(_names(mechanism, key))}'
@@ -377,6 +378,19 @@ def _group(key: str, group: Mapping[str, Channel]) -> list[str]:
             f"    {dump_flow({name: _entry(channel)})}"
             for name, channel in group.items()
         ),
+    ]
+
+
+def _in_amperes(group: Mapping[str, Channel]) -> list[str]:
+    """A comment that shows how to state outputs that are currents, where nothing says that they are not."""
+    pattern = _pattern(group)
+    name, channel = next(iter(group.items())) if pattern is None else ("all", pattern)
+    if channel.unit or channel.scale != 1:
+        return []
+    entry = {name: {"column": channel.column, "scale": 1}}
+    return [
+        "  # currents, in A, need the torque per ampere, N·m/A, as a scale (a force per ampere, N/A, of what slides):",
+        f"  # {dump_flow({'output': entry})}",
     ]
 
 
