@@ -38,7 +38,7 @@ from echelon.identification.logs.columns.motion_sensors import (
 )
 from echelon.identification.logs.finding import listed
 from echelon.robot import Mechanism, known_values
-from echelon.shared import InputError, in_quotes, nearest, nearest_of, public
+from echelon.shared import InputError, in_quotes, nearest, nearest_of, page, public
 
 if TYPE_CHECKING:
     from echelon.formats import Column, ColumnEntry, Columns, Combination, LogEntry
@@ -193,14 +193,14 @@ def _check_single(setup: Setup) -> None:
     if mechanism.experiments:
         raise InputError(
             f"it states the experiments {in_quotes(mechanism.experiments)}, and logs and motions are those of one: leave "
-            "the others out, or add their observations in Python (docs/experiments.md)",
+            f"the others out, or add their observations in Python ({page('experiments')})",
             source=setup.source,
             element="experiments",
         )
     if mechanism.contacts:
         raise InputError(
             "forces that nobody measures act there, and rows of logs would hold them: leave contacts out if there are "
-            "none in the logs, or use base.without_contact_forces in Python (docs/experiments.md)",
+            f"none in the logs, or use base.without_contact_forces in Python ({page('experiments')})",
             source=setup.source,
             element=f"contact '{mechanism.contacts[0].name}'",
         )
