@@ -434,27 +434,6 @@ class BaseModel:
             if name in chosen and not (exclude_none and getattr(self, name) is None)
         }
 
-    @classmethod
-    def model_json_schema(cls) -> dict[str, Any]:
-        """The JSON schema."""
-        from echelon.formats.schema.json_schema import schema_of
-
-        return schema_of(cls)
-
-    @classmethod
-    def __get_pydantic_core_schema__(cls, _source: Any, _handler: Any) -> Any:
-        """What pydantic does with a model that a saved file holds."""
-        from pydantic_core import core_schema
-
-        dump = core_schema.plain_serializer_function_ser_schema(cls.model_dump)
-        return core_schema.no_info_plain_validator_function(
-            cls.model_validate, serialization=dump
-        )
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, _schema: Any, _handler: Any) -> Any:
-        return cls.model_json_schema()
-
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{type(self).__name__} is frozen")
 

@@ -253,6 +253,27 @@ class Model(BaseModel):
                 raise UnfitError(problem, unknown=str(key))
         return data
 
+    @classmethod
+    def model_json_schema(cls) -> dict[str, Any]:
+        """The JSON schema."""
+        from echelon.formats.schema.json_schema import schema_of
+
+        return schema_of(cls)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: Any, _handler: Any) -> Any:
+        """What pydantic does with a model that a saved file holds."""
+        from pydantic_core import core_schema
+
+        dump = core_schema.plain_serializer_function_ser_schema(cls.model_dump)
+        return core_schema.no_info_plain_validator_function(
+            cls.model_validate, serialization=dump
+        )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, _schema: Any, _handler: Any) -> Any:
+        return cls.model_json_schema()
+
 
 def exactly_one(*keys: str) -> Any:
     """A check that a mapping states exactly one of some keys."""
