@@ -298,7 +298,7 @@ def test_measured_inputs(tmp_path: Path) -> None:
     row = [output.name for output in case.mechanism.outputs].index("j1")
     np.testing.assert_array_equal(np.abs(found[:, row, gain]), np.abs(CURRENT))
     assert same_bits(
-        base.regressor(*(a[2] for a in state), inputs={"j1": CURRENT[2]}), found[2:3]
+        base.regressor(*(a[2] for a in state), inputs={"j1": CURRENT[2]}), found[2]
     )
     with pytest.raises(
         InputError,
