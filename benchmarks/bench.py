@@ -40,7 +40,11 @@ TARGETS = (
     ("Gough–Stewart platform, structure only", "gough_stewart", "structure", 1.0),
     ("biped with rods, floating, closed forms", "biped", "closed_forms", 3.0),
 )
-START_UP_TARGETS = (("import echelon", 0.15), ("echelon --help", 0.5))
+START_UP_TARGETS = (
+    ("import echelon", 0.15),
+    ("echelon --help", 0.5),
+    ("echelon derive examples/panda.yaml", 0.5),
+)
 LARGE_TARGETS = (("chain of 500", 10.0), ("binary tree of 255", 4.0))
 CHAINS = (2, 5, 10, 20, 50, 100)
 BASE, MACHINE = "base", "machine"

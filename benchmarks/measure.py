@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,17 @@ from timing import Times, interleaved
 _HELP = (
     "import sys; sys.argv = ['echelon', '--help']; from echelon.cli import main; main()"
 )
+_PANDA = str(Path(__file__).parents[1] / "examples" / "panda.yaml")
+_DERIVE = (
+    f"import sys; sys.argv = ['echelon', 'derive', {_PANDA!r}]; "
+    "from echelon.cli import main; main()"
+)
 _PROGRAMS = {
     "python, nothing imported": "pass",
     "import echelon": "import echelon",
     "import echelon, load and base_parameters": "from echelon import base_parameters, load",
     "echelon --help": _HELP,
+    "echelon derive examples/panda.yaml": _DERIVE,
     "import pinocchio": "import pinocchio",
 }
 _FITTED_FROM = 10  # joints; below, fixed costs hide the growth

@@ -27,5 +27,5 @@ q, qd, qdd = np.random.default_rng(2).normal(size=(3, 2))
 generated = module["regressor"](q, qd, qdd)  # type: ignore[operator]
 print(
     "generated code agrees:",
-    np.allclose(generated, base.regressor(q[None], qd[None], qdd[None])[0]),
+    np.allclose(generated, base.regressor(q, qd, qdd)),
 )

@@ -37,8 +37,22 @@ def write_addresses(address: str) -> None:
         f"repository-code: {address}\nurl: {site}\n",
         before="keywords:",
     )
+    version = ROOT / "src/echelon/shared/version.py"
+    text = version.read_text(encoding="utf-8")
+    text = text.replace('DOCUMENTATION = ""', f'DOCUMENTATION = "{site}"')
+    version.write_text(text, encoding="utf-8")
+    _make_links_absolute(ROOT / "README.md", address)
     about = f"  homepage: {site}\n  repository: {address}\n"
     _insert(ROOT / "packaging/recipe.yaml", about, before="  license_file:")
+
+
+def _make_links_absolute(file: Path, address: str) -> None:
+    """Links between files of the repository work on the package index, too."""
+    text = file.read_text(encoding="utf-8")
+    for kind, mark in (("raw", r"(?<=!)"), ("blob", r"(?<!!)")):
+        link = re.compile(mark + r"(\[[^\]]*\])\((?!https?:|#)([^)\s]+)\)")
+        text = link.sub(rf"\1({address}/{kind}/HEAD/\2)", text)
+    file.write_text(text, encoding="utf-8")
 
 
 def _insert(file: Path, text: str, before: str) -> None:

@@ -53,6 +53,14 @@ assert np.isfinite(base.predict(q, q, q, np.ones(base.rank))).all()
 """
 
 
+METADATA = """
+from importlib.metadata import metadata
+found = metadata("echelon-robotics")
+assert found["Description-Content-Type"] == "text/markdown", found.items()
+assert len(found.get_payload()) > 1000, "the README is missing"
+"""
+
+
 class Environment:
     """A fresh environment with the package in it."""
 
@@ -97,6 +105,7 @@ class Environment:
 
     def check_core(self) -> None:
         """What works without extras."""
+        self._sound("python", "-c", METADATA)
         self._sound(
             "echelon",
             "derive",

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 import yaml
 
+from echelon.shared import __version__
 from echelon.shared.extras import EXTRAS
 from support.command_line import run_alone
 from support.paths import ROOT
@@ -280,8 +281,10 @@ def test_a_release_names_its_repository(tmp_path: Path) -> None:
         "CITATION.cff",
         "packaging/recipe.yaml",
         "packaging/release.py",
+        "README.md",
+        "src/echelon/shared/version.py",
     ):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         shutil.copy(ROOT / name, tmp_path / name)
     archive = tmp_path / "echelon_robotics-1.2.3.tar.gz"
     archive.write_bytes(b"source")
@@ -294,7 +297,15 @@ def test_a_release_names_its_repository(tmp_path: Path) -> None:
     assert [release("addresses", address).returncode for _ in range(2)] == [0, 0]
     urls = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["urls"]
     assert urls["Source"] == address
+    links = re.findall(r"\]\(([^)\s]+)\)", (tmp_path / "README.md").read_text())
+    assert links
+    assert all(link.startswith(("https://", "#")) for link in links)
     assert urls["Documentation"] == "https://somebody.github.io/echelon/"
+    printed = "import version; print(version.page('assumptions'), version.__version__)"
+    folder = tmp_path / "src/echelon/shared"
+    said = subprocess.run([sys.executable, "-c", printed], cwd=folder, capture_output=True, text=True, check=True)  # fmt: skip
+    page = "https://somebody.github.io/echelon/assumptions.html"
+    assert said.stdout == f"{page} {__version__}\n"
     assert (
         yaml.safe_load((tmp_path / "CITATION.cff").read_text())["repository-code"]
         == address

@@ -12,7 +12,7 @@ import mpmath
 import numpy as np
 import pinocchio as pin
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from echelon import base_parameters, load, load_base, save_base, verify
 from echelon.algebra.exact.expressions import PI, parse

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 import echelon as ec
 from echelon.algebra.exact.polynomial import Polynomial, as_polynomial

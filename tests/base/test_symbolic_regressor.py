@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
+from click.testing import CliRunner
 from hypothesis import given
-from typer.testing import CliRunner
 
 import echelon as ec
 from echelon.base.claims.audit import random_states

@@ -12,6 +12,7 @@ import jsonschema
 import pytest
 
 from echelon.base.saved.schema import BaseModelRecord, json_schema
+from echelon.cli.commands import app
 from echelon.cli.destination import MANIFEST
 from support.command_line import run, run_alone
 from support.paths import ROOT
@@ -87,7 +88,8 @@ def test_options_reach_the_library() -> None:
 
 def test_file_is_written_whole_and_verifies(tmp_path: Path) -> None:
     file = tmp_path / "out.json"
-    assert run("derive", PANDA, "--json", "-o", str(file)).stdout == ""
+    written = run("derive", PANDA, "--json", "-o", str(file))
+    assert (written.stdout, written.stderr) == (f"wrote {file}\n", "")
     assert {f.name for f in tmp_path.iterdir()} == {"out.json", MANIFEST}
     done = run("verify", str(file))
     assert (done.returncode, done.stdout.split(",")[0]) == (0, f"{file}: valid")
@@ -289,12 +291,72 @@ def test_help_loads_next_to_nothing() -> None:
     assert not loaded(show) & {"sympy", "pydantic", "mujoco", "scipy", "yaml", "rich"}
 
 
+DERIVE = """
+import io, sys
+from contextlib import redirect_stdout
+from echelon.cli import main
+sys.argv = ["echelon", "derive", {robot!r}]
+with redirect_stdout(io.StringIO()) as text:
+    try:
+        main()
+    except SystemExit as ended:
+        assert not ended.code
+assert "43 base parameters of 70" in text.getvalue()
+"""
+
+
+def test_derive_loads_only_what_it_needs() -> None:
+    """Half of the time that a person waits for a small robot is imports."""
+    found = loaded(DERIVE.format(robot=PANDA))
+    assert {"click", "flint", "numpy", "yaml"} <= found
+    others = "pydantic pydantic_core typer rich jinja2 sympy scipy mujoco pyarrow llvmlite plotly"
+    assert not found & {*others.split(), "xml", "email"}
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("echelon der", "plain,derive"),
+        ("echelon derive --rank", "plain,--rank-only"),
+        ("echelon derive --format mark", "plain,markdown"),
+        ("echelon derive pan", "file,pan"),
+    ],
+)
+def test_shells_complete_commands_options_and_files(words: str, found: str) -> None:
+    code = "import sys; sys.argv[0] = 'echelon'; from echelon.cli import main; main()"
+    asked = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    done = run_alone(code=code, _ECHELON_COMPLETE="bash_complete", **asked)
+    assert (done.returncode, done.stdout) == (0, f"{found}\n")
+
+
+def test_help_knows_no_types_of_python() -> None:
+    words = {"TEXT", "INTEGER", "FLOAT", "PATH", "<str>", "list["}
+    for command in app.functions:
+        assert not [word for word in words if word in run(command, "-h").stdout]
+
+
+def test_a_command_is_built_alone() -> None:
+    """The parameters of the others are not even looked at."""
+    code = """
+import echelon.cli.app as app
+built = []
+make = app._built
+app._built = lambda name, *more: built.append(name) or make(name, *more)
+sys.argv = ["echelon", "schema", "comparison"]
+from echelon.cli import main
+try: main()
+except SystemExit: pass
+assert built == ["schema"], built
+"""
+    loaded(code)
+
+
 def test_import_is_light() -> None:
     assert not loaded("import echelon") & {
         "sympy",
         "pydantic",
         "rich",
-        "typer",
+        "click",
         "mujoco",
         "yaml",
         "scipy",

@@ -12,7 +12,7 @@ import flint
 import numpy as np
 import numpy.typing as npt
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import echelon as ec
 from echelon.algebra.program.function import Argument, Function

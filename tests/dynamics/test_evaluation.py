@@ -199,7 +199,7 @@ def panda() -> Case:
 def test_one_state_lists_and_results(
     panda: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A single state is one sample, and results may be written to the caller's arrays, also by several threads."""
+    """One state gives one result, and results may be written to the caller's arrays, also by several threads."""
     monkeypatch.setattr(kernel_module, "_FEWEST", 1)
     base, values = panda.base, panda.values
     one = [array[3] for array in panda.state]
@@ -211,14 +211,20 @@ def test_one_state_lists_and_results(
     ):
         whole = call(*panda.state)
         assert whole.shape == (SAMPLES, *shape)
-        assert same_bits(call(*one), whole[3:4])
+        assert same_bits(call(*one), whole[3])
+        assert same_bits(call(*(array[None] for array in one)), whole[3:4])
+        single = np.full(shape, 7.0)
+        assert call(*one, out=single) is single
+        assert same_bits(single, whole[3])
         assert same_bits(call(*(array.tolist() for array in panda.state)), whole)
         out = np.full(whole.shape, 7.0)
         assert call(*panda.state, out=out, threads=2) is out
         assert same_bits(out, whole)
         with pytest.raises(InputError, match="out has shape"):
             call(*one, out=out)
-    assert base.gravity(one[0], values).shape == (1, 7)
+    assert base.gravity(one[0], values).shape == (7,)
+    both = base.inverse_dynamics_derivatives(*one, values)
+    assert [part.shape for part in both] == [(7, 7), (7, 7)]
 
 
 def test_big_batches(panda: Case) -> None:
@@ -292,7 +298,7 @@ def test_measured_inputs(tmp_path: Path) -> None:
     row = [output.name for output in case.mechanism.outputs].index("j1")
     np.testing.assert_array_equal(np.abs(found[:, row, gain]), np.abs(CURRENT))
     assert same_bits(
-        base.regressor(*(a[2] for a in state), inputs={"j1": CURRENT[2]}), found[2:3]
+        base.regressor(*(a[2] for a in state), inputs={"j1": CURRENT[2]}), found[2]
     )
     with pytest.raises(
         InputError,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import echelon as ec
 from echelon.algebra.exact.expressions import in_double_range, is_whole, parse

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
-from echelon.formats.description.explanations import explained
 
 ARM = """echelon: 1
 modified_dh: [{joint: revolute}, {joint: revolute, a: 0.5}]
@@ -91,12 +90,10 @@ def test_errors_about_keys_show_the_line_to_write(text: str, problem: str) -> No
 
 
 def test_errors_about_a_whole_sensor_are_not_about_its_key() -> None:
-    """The branch of the union of sensors has the name of a key."""
-    entry = {"joint": "j1"}
-    problem = {"type": "refused", "loc": ("outputs", 0, "joint"), "input": entry}
-    path, text = explained({"outputs": [entry]}, [{**problem, "msg": "is bent"}])  # type: ignore[list-item,typeddict-item]
-    assert path == "outputs[0]"
-    assert text.startswith("is bent; write  outputs: ")
+    """The kinds of sensors have the names of keys."""
+    problem = r"outputs\[0\]: needs one of the keys joint, .*; write outputs: "
+    with pytest.raises(ec.InputError, match=problem):
+        ec.load_setup(f"{ARM}outputs: [{{force: j1}}]\n")
 
 
 def test_two_effects_of_one_name_are_both_named() -> None:

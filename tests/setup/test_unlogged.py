@@ -11,6 +11,7 @@ import pytest
 import echelon as ec
 from echelon.identification.logs.columns.column_guess import guess
 from echelon.identification.logs.files.log_file import Table
+from echelon.identification.logs.finding import Severity
 from echelon.identification.setup.logs import with_logs
 from echelon.identification.setup.skeleton import skeleton
 from support.robot_files import robot_file
@@ -89,6 +90,29 @@ def test_what_rests_in_the_log_is_locked_there(motion: Motion) -> None:
     assert any(
         "locked: {gripper_joint: 0.03}" in finding.text for finding in result.findings
     )
+
+
+def test_a_stated_column_that_no_log_has_is_a_warning(
+    motion: Motion, tmp_path: Path
+) -> None:
+    """Unless its name is near that of a column nobody uses, so that it may be misspelt."""
+    (tmp_path / "arm.urdf").write_text(ARM)
+    setup = tmp_path / "setup.yaml"
+    stated = "echelon: 1\nrobot: arm.urdf\nlog: {time: t, position: 'q{n}', output: 'tau{n}'}\n"
+    setup.write_text(stated)
+    log = frame(motion).drop(columns="tau1")
+    result = ec.identify(setup, log)
+    assert [output.name for output in result.base.mechanism.outputs] == ["elbow_joint"]
+    texts = [f.text for f in result.findings if f.severity is Severity.WARNING]
+    assert any(
+        "no log has the column 'tau1': parameters that only the output of shoulder_joint"
+        in text
+        for text in texts
+    )
+    with pytest.raises(ec.InputError, match="'tau1'; did you mean 'tau_1'"):
+        ec.identify(setup, frame(motion).rename(columns={"tau1": "tau_1"}))
+    with pytest.raises(ec.InputError, match="no columns 'tau1', 'tau2'"):
+        ec.identify(setup, log.drop(columns="tau2"))
 
 
 def test_an_output_without_a_column_is_not_measured(

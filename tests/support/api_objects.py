@@ -476,7 +476,9 @@ def _named(annotation: object, module: str) -> Iterator[type]:
     for name in re.findall(r"[A-Za-z]\w+", str(annotation)):
         member = vars(sys.modules[module]).get(name)
         if inspect.isclass(member) and member.__module__.startswith("echelon."):
-            yield member
+            # marks in annotations say how a value is checked, and no object holds them
+            if member.__module__ != "echelon.formats.schema.models":
+                yield member
         elif member is None:  # imported for type checkers only
             yield from _own_classes().get(name, [])
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 
@@ -80,6 +80,7 @@ from echelon.shared import (
     EchelonError,
     InputError,
     NotNegative,
+    Order,
     public,
 )
 
@@ -92,7 +93,7 @@ def silent(_: str) -> None:
 def base_parameters(
     mechanism: Mechanism | Experiment | Sequence[Experiment],
     *,
-    order: str = ...,
+    order: Order = ...,
     prefer: str | Sequence[str] = ...,
     generic: bool = ...,
     seed: int = ...,
@@ -105,7 +106,7 @@ def base_parameters(
 def base_parameters(
     mechanism: LinearModel,
     *,
-    order: str = ...,
+    order: Order = ...,
     prefer: str | Sequence[str] = ...,
     generic: bool = ...,
     seed: int = ...,
@@ -118,20 +119,20 @@ def base_parameters(
 def base_parameters(
     mechanism: Readable,
     *,
-    order: str = ...,
+    order: Order = ...,
     prefer: str | Sequence[str] = ...,
     generic: bool = ...,
     seed: int = ...,
     budget: float = ...,
     progress: Callable[[str], None] = ...,
-) -> Any: ...
+) -> BaseModel | LinearBase: ...
 
 
 @public
 def base_parameters(
     mechanism: Mechanism | LinearModel | Readable | Experiment | Sequence[Experiment],
     *,
-    order: str = "base-to-tip",
+    order: Order = "base-to-tip",
     prefer: str | Sequence[str] = (),
     generic: bool = False,
     seed: int = DEFAULT_SEED,
@@ -148,7 +149,7 @@ def base_parameters(
     ----------
     mechanism : Mechanism, LinearModel, path-like, Experiment or sequence of Experiment
         A robot, a linear model, or the file of one; or experiments, whose rows are stacked.
-    order : str
+    order : "base-to-tip" or "tip-to-base"
         ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``; for mechanisms.
     prefer : str or sequence of str
         Parameters (``"M7"``) or kinds (``"MX"``) that should be representatives, most wanted first.

@@ -21,7 +21,7 @@ from echelon.base.reading_report import ROUNDING, ReadingReport
 from echelon.base.stated_values import SpecialValues
 from echelon.dynamics import LinearModel
 from echelon.robot import Mechanism, Symbol
-from echelon.shared import PARAMETERS, PER_BODY, one_line
+from echelon.shared import PARAMETERS, PER_BODY, one_line, page
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -224,7 +224,7 @@ def _robot_facts(model: _RobotSet) -> list[tuple[str, str]]:
         ("certificate", str(model.certificate)),
         (
             "assumes",
-            f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)",
+            f"{'; '.join(model.certificate.assumptions)} ({page('assumptions')})",
         ),
     ]
 

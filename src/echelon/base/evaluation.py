@@ -53,7 +53,7 @@ class Evaluation(ABC):
     -----
     The arguments are the same everywhere:
 
-    q : array of shape (N, positions), or (positions,) for one state
+    q : array of shape (N, positions), or (positions,) for one state, whose result has no first axis either
         In the order of ``mechanism.positions``, rad, m or unit quaternions (w, x, y, z).
     qd, qdd : arrays of shape (N, velocities)
         In the order of ``mechanism.velocities``, rad/s, m/s, rad/s², m/s².  With loops, each of q, qd and qdd may also
@@ -381,8 +381,8 @@ class Evaluation(ABC):
         both = self._evaluator("inverse_dynamics_derivatives")(
             state, symbols, inputs, None, threads
         )
-        positions = both.shape[2] - self.mechanism.degrees_of_freedom
-        return both[:, :, :positions], both[:, :, positions:]
+        positions = both.shape[-1] - self.mechanism.degrees_of_freedom
+        return both[..., :positions], both[..., positions:]
 
     def without_contact_forces(
         self,
@@ -443,7 +443,7 @@ class Evaluation(ABC):
         unknown[:, measured] = 0.0
         projectors = np.eye(len(deviations)) - np.linalg.pinv(unknown) @ unknown
         found: Floats = projectors / deviations
-        return found
+        return found[0] if np.ndim(q) == 1 else found
 
     def constraint_forces(
         self,

@@ -14,7 +14,7 @@ from enum import Enum
 from functools import cached_property
 from math import inf
 from sys import float_info
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import flint
 import numpy as np
@@ -214,9 +214,7 @@ def in_units(coefficient: RationalFunction) -> bool:
     return not set(UNITS).isdisjoint(coefficient.symbols())
 
 
-def _ball_value(
-    coefficient: RationalFunction, symbols: Mapping[str, float]
-) -> float:
+def _ball_value(coefficient: RationalFunction, symbols: Mapping[str, float]) -> float:
     """A coefficient by balls, because long ones may be sums that cancel but for 1e-12 of their terms."""
     from echelon.algebra import ball
 
@@ -272,17 +270,14 @@ def sympy_generators(
     )
 
 
-ORDERS = get_args(Order)
 EXCHANGE_COST = 5.0
 """Cost of a product in an exchange, relative to one in a sum: every sum is reduced on its own."""
 
 
 def column_order(
-    columns: Sequence[Parameter], order: str, prefer: Sequence[str] = ()
+    columns: Sequence[Parameter], order: Order, prefer: Sequence[str] = ()
 ) -> tuple[int, ...]:
     """Columns from most to least preferred as representative."""
-    if order not in ORDERS:
-        raise InputError(f"unknown order '{order}' (valid: {', '.join(ORDERS)})")
     numbers = list(range(len(columns)))
     if (
         order == "tip-to-base"

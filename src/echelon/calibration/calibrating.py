@@ -10,7 +10,6 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from echelon.algebra import DEFAULT_SEED
 from echelon.base import Identifiability, LinearBase, base_parameters
@@ -20,7 +19,13 @@ from echelon.calibration.fit import MOST_OUTLIERS, Fitted, GeometryFit, Observed
 from echelon.calibration.log import observed
 from echelon.calibration.model import ErrorModel
 from echelon.calibration.sights import sights_of
-from echelon.formats import MeasureEntry, RobotFile, WrittenRobot, calibrated_robot
+from echelon.formats import (
+    MeasureEntry,
+    RobotFile,
+    UnfitError,
+    WrittenRobot,
+    calibrated_robot,
+)
 from echelon.identification import Setup, listed, log_paths, setup_of
 from echelon.robot import Mechanism
 from echelon.shared import (
@@ -304,11 +309,10 @@ def _entry(stated: Mapping[str, Any], count: int) -> MeasureEntry:
     """A measurement that is stated in Python, or what is wrong with it."""
     try:
         return MeasureEntry.model_validate(dict(stated))
-    except ValidationError as error:
-        first = error.errors()[0]
-        problem = first["msg"].removeprefix("Value error, ")
-        place = [str(part) for part in first["loc"][:1]]
-        if key := first.get("ctx", {}).get("key"):
+    except UnfitError as error:
+        problem, key = error.problem, error.unknown
+        place = [str(part) for part in error.where[:1]]
+        if key is not None:
             problem = (
                 f"unknown key '{key}'{nearest_of(key, list(MeasureEntry.model_fields))}"
             )

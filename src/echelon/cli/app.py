@@ -6,59 +6,109 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, getdoc, signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import typer
-from typer.core import TyperGroup
+import click
 
+from echelon.cli.parameters import Argument, Command, Option, click_parameter
 from echelon.cli.screen import set_verbosity
-from echelon.shared import Measured, Order
+from echelon.shared import Measured, Order, nearest_of
+
+Run = Callable[..., Any]
+"""A function that is a command: it has the command's name, documentation and parameters."""
 
 
-class _Commands(TyperGroup):
-    """All commands; the exit code is 0 when the reader of a pipe goes away (typer would exit with 1)."""
+class Commands(click.Group):
+    """All commands.  Only a command that is asked for is built."""
 
-    def make_context(self, *arguments: Any, **options: Any) -> Any:  # prints the help
-        with _readers_may_leave():
-            return super().make_context(*arguments, **options)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.functions: dict[str, tuple[Run, str]] = {}
 
-    def invoke(self, ctx: Any) -> Any:
+    def command(self, *, epilog: str) -> Callable[[Run], Run]:  # type: ignore[override]
+        """Put a function among the commands; the epilog ends its help."""
+
+        def registered(function: Run) -> Run:
+            name = function.__name__.replace("_", "-")
+            self.functions[name] = (function, epilog)
+            return function
+
+        return registered
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Names of the commands in the order in which they were registered."""
+        return list(self.functions)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """The command of a name, if there is one."""
+        if cmd_name not in self.functions:
+            return None
+        function, epilog = self.functions[cmd_name]
+        return _built(cmd_name, function, epilog)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """The command that the arguments name; the error suggests the nearest name."""
+        name = args[0]
+        if name not in self.functions and not name.startswith("-"):
+            hint = nearest_of(name, self.functions)
+            raise click.UsageError(f"there is no command '{name}'{hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; the exit code is 0 when the reader of a pipe goes away."""
         with _readers_may_leave():
             return super().invoke(ctx)
 
-
-Verbose = Annotated[
-    bool,
-    typer.Option("--verbose", "-v", help="Print progress and times on standard error."),
-]
-
-
-class _Application(typer.Typer):
-    """An application all of whose commands take ``--verbose``."""
-
-    def command(  # type: ignore[override]  # what it passes on is typer's affair
-        self, name: str | None = None, **options: Any
-    ) -> Callable[[Command], Command]:
-        register: Callable[[Command], Command] = super().command(name, **options)
-        return lambda command: register(_with_verbosity(command))
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """Parse the arguments, and print the help."""
+        with _readers_may_leave():
+            return super().make_context(*arguments, **options)
 
 
-def _with_verbosity(command: Command) -> Command:
+def _built(name: str, function: Run, epilog: str) -> click.Command:
+    """A command that reads its arguments as the annotations of a function say."""
+    stated = _with_options_of_reading(function)
+    parameters = [click_parameter(one) for one in [*stated, _VERBOSE]]
+
     def run(verbose: bool, **given: Any) -> Any:
         from echelon.shared import READ
 
         set_verbosity(verbose)
         READ.clear()
-        READ.update(_files(value for name, value in given.items() if name != "output"))
-        return command(**given)
+        READ.update(_files(value for key, value in given.items() if key != "output"))
+        names = _READS.get(function)
+        if names is not None:
+            given["read"] = reading(**{key: given.pop(key) for key in names})
+        return function(**given)
 
-    own = signature(command, eval_str=True).parameters.values()
-    last = Parameter(
-        "verbose", Parameter.KEYWORD_ONLY, annotation=Verbose, default=False
+    return Command(
+        name,
+        callback=run,
+        params=parameters,
+        help=getdoc(function),
+        epilog=epilog,
+        context_settings=app.context_settings,
     )
-    return with_parameters(run, command, [*own, last])
+
+
+def _with_options_of_reading(function: Run) -> list[Parameter]:
+    """The parameters of a command, where options of reading stand for ``read``."""
+    own = signature(function, eval_str=True).parameters.values()
+    names = _READS.get(function, ())
+    found: list[Parameter] = []
+    for parameter in own:
+        if parameter.name != "read":
+            found.append(parameter)
+            continue
+        for name, (annotation, default) in _READING.items():
+            if name in names:
+                kind = Parameter.KEYWORD_ONLY
+                found.append(
+                    Parameter(name, kind, annotation=annotation, default=default)
+                )
+    return found
 
 
 def _files(values: Iterable[Any]) -> Iterator[str]:
@@ -77,95 +127,88 @@ def _readers_may_leave() -> Iterator[None]:
         BrokenPipeError
     ):  # nothing more can be written, not even what is still in the buffer
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise typer.Exit from None
+        raise click.exceptions.Exit(0) from None
 
 
-def application(name: str, text: str, **more: Any) -> typer.Typer:
-    """The application, or a group of its commands."""
-    more |= {
-        "add_completion": False,
-        "pretty_exceptions_enable": False,
-        "rich_markup_mode": None,
-        # commands inherit it
-        "context_settings": {"help_option_names": ["-h", "--help"]},
-    }
-    return _Application(
-        name=name, cls=_Commands, help=text, no_args_is_help=True, **more
-    )
+def _version(ctx: click.Context, _: click.Parameter, show: bool) -> None:
+    if show and not ctx.resilient_parsing:
+        from echelon.shared import __version__
+
+        click.echo(f"echelon {__version__}")
+        ctx.exit()
 
 
-app = application(
-    "echelon",
-    "Exact base inertial parameters of robots, in closed form, with a certificate.",
+def _root(traceback: bool) -> None:
+    if traceback:
+        os.environ["ECHELON_TRACEBACK"] = "1"
+
+
+app = Commands(
+    name="echelon",
+    help="Exact base inertial parameters of robots, in closed form, with a certificate.",
+    callback=_root,
+    params=[
+        click.Option(
+            ["--traceback"], is_flag=True, help="Show the full traceback of errors."
+        ),
+        click.Option(
+            ["--version"],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_version,
+            help="Show the version.",
+        ),
+    ],
+    context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit codes: 0 success, 1 a claim was refuted or a check failed, "
     "2 bad input or usage.",
 )
 
 
-def _version(show: bool) -> None:
-    if show:
-        from echelon.shared import __version__
-
-        typer.echo(f"echelon {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _root(
-    traceback: Annotated[
-        bool, typer.Option("--traceback", help="Show the full traceback of errors.")
-    ] = False,
-    _: Annotated[
-        bool, typer.Option("--version", help="Show the version.", callback=_version)
-    ] = False,
-) -> None:
-    if traceback:
-        os.environ["ECHELON_TRACEBACK"] = "1"
-
-
 Robot = Annotated[
-    Path, typer.Argument(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")
+    Path, Argument(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")
 ]
 Output = Annotated[
     Path | None,
-    typer.Option("--output", "-o", help="File to write instead of the terminal."),
+    Option("--output", "-o", help="File to write instead of the terminal."),
 ]
 Force = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--force",
         help="Replace files that no earlier command wrote, too; never files that are read.",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
-Ordering = Annotated[
-    Order, typer.Option(help="Which parameters become representatives.")
-]
+AsJson = Annotated[bool, Option("--json", help="Machine-readable output.")]
+Ordering = Annotated[Order, Option(help="Which parameters become representatives.")]
 Prefer = Annotated[
     list[str] | None,
-    typer.Option(
-        help="A parameter (M7) or kind (MX) wanted as representative; may be repeated."
+    Option(
+        metavar="PARAMETER",
+        help="A parameter (M7) or kind (MX) wanted as representative; may be repeated.",
     ),
 ]
 Budget = Annotated[
     float,
-    typer.Option(
+    Option(
         min=0,
         help="Work for closed forms (0: numbers only) or sensor subsets; 1 is a few seconds.",
     ),
 ]
-Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")]
+Seed = Annotated[int | None, Option(min=0, help="Seed of the random points.")]
 
-Floating = Annotated[bool, typer.Option(help="Let the root link float.")]
+Floating = Annotated[bool, Option(help="Let the root link float.")]
 Gravity = Annotated[
     str,
-    typer.Option(
-        help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'."
+    Option(
+        metavar="GRAVITY",
+        help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'.",
     ),
 ]
 SnapTolerance = Annotated[
     float | None,
-    typer.Option(
+    Option(
         "--snap-tolerance",
         help="Read angles this near (rad) to multiples of 15° as exact; 0 takes rounded angles literally. "
         "[default: 0.002]",
@@ -173,16 +216,16 @@ SnapTolerance = Annotated[
 ]
 KeepFixedLinks = Annotated[
     bool,
-    typer.Option("--keep-fixed-links", help="Keep links fixed to others as bodies."),
+    Option("--keep-fixed-links", help="Keep links fixed to others as bodies."),
 ]
 Massless = Annotated[
     list[str] | None,
-    typer.Option(help="A link without inertial parameters; may be repeated."),
+    Option(metavar="LINK", help="A link without inertial parameters; may be repeated."),
 ]
 
 Ignore = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         metavar="NAME",
         help="An element (loop, gazebo/joint) or attribute (@quat, origin@quat) of the robot file to ignore, although it may change how the robot moves; may be repeated.",
     ),
@@ -195,7 +238,7 @@ _READING: dict[str, tuple[Any, Any]] = {
     "numeric": (
         Annotated[
             bool,
-            typer.Option(
+            Option(
                 "--numeric",
                 help="Numbers throughout, for every symbol that has a value.",
             ),
@@ -205,7 +248,7 @@ _READING: dict[str, tuple[Any, Any]] = {
     "mimic": (
         Annotated[
             Literal["coupled", "independent"],
-            typer.Option(help="Respect mimic joints, or treat them as independent."),
+            Option(help="Respect mimic joints, or treat them as independent."),
         ],
         "coupled",
     ),
@@ -214,16 +257,14 @@ _READING: dict[str, tuple[Any, Any]] = {
     "symbols": (
         Annotated[
             Literal["shared", "separate"],
-            typer.Option(
-                help="Whether equal magnitudes of a robot file share a symbol."
-            ),
+            Option(help="Whether equal magnitudes of a robot file share a symbol."),
         ],
         "shared",
     ),
     "measured": (
         Annotated[
             Measured,
-            typer.Option(help="Forces of all drives, or the sensors of an MJCF file."),
+            Option(help="Forces of all drives, or the sensors of an MJCF file."),
         ],
         "drives",
     ),
@@ -231,8 +272,9 @@ _READING: dict[str, tuple[Any, Any]] = {
     "model": (
         Annotated[
             str,
-            typer.Option(
+            Option(
                 "--model",
+                metavar="NAME",
                 help="Name of the model, if several of an SDF file have joints.",
             ),
         ],
@@ -240,9 +282,6 @@ _READING: dict[str, tuple[Any, Any]] = {
     ),
 }
 """How a robot is read: options by name, with their defaults."""
-
-
-Command = Callable[..., Any]
 
 
 AS_READ = (
@@ -256,43 +295,18 @@ AS_READ = (
 """Options of reading that all commands have which need the whole robot."""
 
 
-def reads_robot(*names: str) -> Callable[[Command], Command]:
+_READS: dict[Run, tuple[str, ...]] = {}
+"""Options of reading that a command has, by its function."""
+
+
+def reads_robot(*names: str) -> Callable[[Run], Run]:
     """Put options of reading in the place of a command's argument ``read``, which gets keywords of ``echelon.load``."""
-    options = [
-        Parameter(
-            name,
-            Parameter.KEYWORD_ONLY,
-            annotation=_READING[name][0],
-            default=_READING[name][1],
-        )
-        for name in _READING
-        if name in names
-    ]
 
-    def extended(command: Command) -> Command:
-        def run(**given: Any) -> Any:
-            read = reading(**{name: given.pop(name) for name in names})
-            return command(**given, read=read)
+    def marked(function: Run) -> Run:
+        _READS[function] = names
+        return function
 
-        own = signature(command, eval_str=True).parameters.values()
-        return with_parameters(
-            run,
-            command,
-            [o for p in own for o in (options if p.name == "read" else [p])],
-        )
-
-    return extended
-
-
-def with_parameters(
-    run: Command, command: Command, parameters: Iterable[Parameter]
-) -> Command:
-    """A function that shows other parameters than it has, with the name and documentation of a command."""
-    shown = [parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in parameters]
-    run.__name__, run.__doc__ = command.__name__, command.__doc__
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in shown}
-    run.__signature__ = Signature(shown)  # type: ignore[attr-defined]
-    return run
+    return marked
 
 
 def reading(**given: Any) -> dict[str, Any]:
@@ -311,3 +325,15 @@ def reading(**given: Any) -> dict[str, Any]:
         "separate_symbols": chosen["symbols"] == "separate",
         **({} if tolerance is None else {"snap_tolerance": tolerance}),
     }
+
+
+_VERBOSE = Parameter(
+    "verbose",
+    Parameter.KEYWORD_ONLY,
+    annotation=Annotated[
+        bool,
+        Option("--verbose", "-v", help="Say on standard error what is done, and when."),
+    ],
+    default=False,
+)
+"""An option of all commands."""

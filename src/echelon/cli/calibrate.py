@@ -7,9 +7,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from echelon.cli.app import AsJson, Force, Seed, app, reads_robot
+from echelon.cli.parameters import Argument, Option
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.shared import CalibrationErrors, InputError, one_line
 
@@ -26,29 +25,32 @@ CALIBRATION, REPORT = "calibration.json", "calibration.html"
 def calibrate(
     robot: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             help="Robot description with the section 'measure'; or URDF, SDF, MJCF for poses of the last body."
         ),
     ],
     read: dict[str, Any],
     logs: Annotated[
         list[Path] | None,
-        typer.Argument(
-            help="Logs of poses: joint positions and measurements. Without a log, the command derives which errors such measurements show."
+        Argument(
+            help="Logs of poses: joint positions and measurements. Without a log, the command derives which errors "
+            "such measurements show."
         ),
     ] = None,
     errors: Annotated[
         str,
-        typer.Option(
+        Option(
+            metavar="KINDS",
             help="Errors to find, with commas between: frames, modified_dh, standard_dh, offsets, gears, "
-            "stiffness."
+            "stiffness.",
         ),
     ] = "frames",
     output: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--output",
             "-o",
+            metavar="DIR",
             help="Directory for calibration.json, calibration.html and the calibrated robot.",
         ),
     ] = None,

@@ -1,6 +1,6 @@
 """Commands about robots, their base parameters and measured logs; exit codes, and one clear line for every error.
 
-Only typer is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
+Only click is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import typer
+import click
 
 from echelon.cli.app import (
     AS_READ,
@@ -27,6 +27,7 @@ from echelon.cli.app import (
     app,
     reads_robot,
 )
+from echelon.cli.parameters import Argument, Option
 from echelon.cli.process import Exit
 from echelon.cli.screen import json_text, show
 from echelon.compute import VARIABLES
@@ -44,47 +45,45 @@ def derive(
     robot: Robot,
     read: dict[str, Any],
     output_format: Annotated[
-        Format, typer.Option("--format", "-f", help="What to write.")
+        Format, Option("--format", "-f", help="What to write.")
     ] = "text",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Short for --format json.")
-    ] = False,
+    as_json: Annotated[bool, Option("--json", help="Short for --format json.")] = False,
     output: Output = None,
     force: Force = False,
     order: Ordering = "base-to-tip",
     prefer: Prefer = None,
     generic: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--generic",
             help="Answer for general values of the symbols, not for the robot's own.",
         ),
     ] = False,
     rank_only: Annotated[
         bool,
-        typer.Option("--rank-only", help="Print only the rank and representatives."),
+        Option("--rank-only", help="Print only the rank and representatives."),
     ] = False,
     special: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--special",
             help="Print the special geometries and directions of gravity that change the number.",
         ),
     ] = False,
     compare_numeric: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--compare-numeric",
             help="Print the ranks of SVD and QR beside the exact one.",
         ),
     ] = False,
     regressor: Annotated[
         Formulas | None,
-        typer.Option("--regressor", help="Print the base regressor as formulas."),
+        Option("--regressor", help="Print the base regressor as formulas."),
     ] = None,
     full: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--full",
             help="Print every formula; those of more than 12 terms are numbers otherwise.",
         ),
@@ -105,14 +104,14 @@ def derive(
         if wanted
     ]
     if len(asked) > 1:
-        raise typer.BadParameter(
+        raise click.BadParameter(
             f"{' and '.join(asked)} cannot be combined: each prints its own answer"
         )
     if regressor is not None and chosen != "text":
-        raise typer.BadParameter("--regressor prints formulas and takes no --format")
+        raise click.BadParameter("--regressor prints formulas and takes no --format")
     ordered = prefer or order != "base-to-tip"
     if asked and regressor is None and (ordered or chosen in ("latex", "markdown")):
-        raise typer.BadParameter(
+        raise click.BadParameter(
             f"{asked[0]} prints numbers; it takes no --order, --prefer, LaTeX or Markdown"
         )
 
@@ -142,7 +141,7 @@ def sensors(
     robot: Robot,
     read: dict[str, Any],
     size: Annotated[
-        int, typer.Option(min=1, max=6, help="List all subsets up to this size.")
+        int, Option(min=1, max=6, help="List all subsets up to this size.")
     ] = 1,
     as_json: AsJson = False,
     seed: Seed = None,
@@ -170,15 +169,11 @@ def sensors(
 def setup(
     robot: Annotated[
         Path,
-        typer.Argument(
-            help="URDF, SDF, MJCF, or a description without the section log."
-        ),
+        Argument(help="URDF, SDF, MJCF, or a description without the section log."),
     ],
     logs: Annotated[
         list[Path],
-        typer.Argument(
-            help="One log, or several files of one log with a common clock."
-        ),
+        Argument(help="One log, or several files of one log with a common clock."),
     ],
     output: Output = None,
     force: Force = False,
@@ -200,44 +195,45 @@ def setup(
 def identify(
     setup: Annotated[
         Path,
-        typer.Argument(
-            help="Robot description with its measurement set-up; or URDF, MJCF."
-        ),
+        Argument(help="Robot description with its measurement set-up; or URDF, MJCF."),
     ],
     logs: Annotated[
         list[Path],
-        typer.Argument(
+        Argument(
             help="CSV, Parquet, NPZ, MAT, HDF5, ROS bag or MCAP; a directory stands for all logs in it."
         ),
     ],
     read: dict[str, Any],
     validate: Annotated[
         list[Path] | None,
-        typer.Option("--validate", help="A log for validation only; may be repeated."),
+        Option("--validate", help="A log for validation only; may be repeated."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", help="Directory for model, report, robot file and code."
+        Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Directory for model, report, robot file and code.",
         ),
     ] = None,
     force: Force = False,
     prior: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="The same robot with prior inertial values (URDF, MJCF, description)."
         ),
     ] = None,
     estimator: Annotated[
-        Estimator | None, typer.Option(help="Estimator, instead of the set-up's.")
+        Estimator | None, Option(help="Estimator, instead of the set-up's.")
     ] = None,
     predict_with: Annotated[
         ValuesToUse | None,
-        typer.Option(help="Values that predictions use, instead of the set-up's."),
+        Option(help="Values that predictions use, instead of the set-up's."),
     ] = None,
     holdout: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=0,
             max=0.9,
             help="Share held out without --validate: the end of a single log, the last of several logs.",
@@ -245,24 +241,30 @@ def identify(
     ] = None,
     physical: Annotated[
         bool | None,
-        typer.Option(
+        Option(
             "--physical/--no-physical",
             help="Fit a physically consistent robot as well.",
         ),
     ] = None,
     target: Annotated[
         str,
-        typer.Option("--target", "-t", help="Language of the model's source, or none."),
+        Option(
+            "--target",
+            "-t",
+            metavar="LANGUAGE",
+            help="Language of the model's source, or none.",
+        ),
     ] = "c",
     dask: Annotated[
         str | None,
-        typer.Option(
-            help="Address of a Dask scheduler, or a number of processes to start here."
+        Option(
+            metavar="ADDRESS",
+            help="Address of a Dask scheduler, or a number of processes to start here.",
         ),
     ] = None,
     check: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--check",
             help="Exit with 1, and print the reasons, if the verdict is not to use the model.",
         ),
@@ -300,8 +302,8 @@ def identify(
     )
     if check and reasons:
         for reason in reasons:
-            typer.echo(f"echelon: do not use the model: {one_line(reason)}", err=True)
-        raise typer.Exit(1)
+            click.echo(f"echelon: do not use the model: {one_line(reason)}", err=True)
+        raise click.exceptions.Exit(1)
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
@@ -309,12 +311,10 @@ def identify(
 def check(
     setup: Annotated[
         Path,
-        typer.Argument(
-            help="Robot description with its measurement set-up; or URDF, MJCF."
-        ),
+        Argument(help="Robot description with its measurement set-up; or URDF, MJCF."),
     ],
     logs: Annotated[
-        list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")
+        list[Path], Argument(help="Logs; a directory stands for all logs in it.")
     ],
     read: dict[str, Any],
     as_json: AsJson = False,
@@ -329,18 +329,14 @@ def check(
     epilog="Example: echelon predict result/model.json run3.parquet -o predicted.csv"
 )
 def predict(
-    model: Annotated[
-        Path, typer.Argument(help="model.json that 'echelon identify' wrote.")
-    ],
+    model: Annotated[Path, Argument(help="model.json that 'echelon identify' wrote.")],
     log: Annotated[
         Path,
-        typer.Argument(
-            help="A log of positions; outputs are compared where it has them."
-        ),
+        Argument(help="A log of positions; outputs are compared where it has them."),
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--output",
             "-o",
             help="CSV or Parquet file with time, predicted and measured.",
@@ -370,7 +366,7 @@ Schema = Literal[
 @app.command(epilog="Example: echelon verify panda.json")
 def verify(
     file: Annotated[
-        Path, typer.Argument(help="JSON file written by 'derive --format json'.")
+        Path, Argument(help="JSON file written by 'derive --format json'.")
     ],
     as_json: AsJson = False,
     seed: Seed = None,
@@ -381,7 +377,7 @@ def verify(
     """
     from echelon.cli.verify import run_verify
 
-    raise typer.Exit(run_verify(file, seed, as_json=as_json))
+    raise click.exceptions.Exit(run_verify(file, seed, as_json=as_json))
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
@@ -392,27 +388,30 @@ def audit(
     robot: Robot,
     claimed: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             help="Base parameters to check: CSV, JSON, or one expression per line."
         ),
     ],
     read: dict[str, Any],
     naming: Annotated[
         str,
-        typer.Option(
-            help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio."
+        Option(
+            metavar="NAMES",
+            help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.",
         ),
     ] = "auto",
     define: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Meaning of a symbol in the claims, 'RL4=pz4' or 'L=0.45'; may be repeated."
+        Option(
+            metavar="NAME=EXPRESSION",
+            help="Meaning of a symbol in the claims, 'RL4=pz4' or 'L=0.45'; may be repeated.",
         ),
     ] = None,
     ignore: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Parameters of the claims that the robot file lacks, 'fv*'; may be repeated."
+        Option(
+            metavar="PATTERN",
+            help="Parameters of the claims that the robot file lacks, 'fv*'; may be repeated.",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -433,7 +432,7 @@ def audit(
         ignore=tuple(ignore or ()),
     )
     deliver(json_text(found.to_dict()) if as_json else found.to_text(), target)
-    raise typer.Exit(Exit.VALID if found.equal else Exit.REFUTED)
+    raise click.exceptions.Exit(Exit.VALID if found.equal else Exit.REFUTED)
 
 
 def _definitions(texts: Sequence[str]) -> dict[str, str]:
@@ -460,27 +459,28 @@ def _definitions(texts: Sequence[str]) -> dict[str, str]:
 )
 def compare(
     first: Robot,
-    second: Annotated[Path, typer.Argument(help="A robot with the same joints.")],
+    second: Annotated[Path, Argument(help="A robot with the same joints.")],
     read: dict[str, Any],
     tolerance: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=0,
             help="Largest difference of outputs that counts as zero, N·m or N; default: the effect of the files' last decimals.",
         ),
     ] = None,
     velocity: Annotated[
         float | None,
-        typer.Option(min=0, help="Largest speed of all joints, rad/s or m/s."),
+        Option(min=0, help="Largest speed of all joints, rad/s or m/s."),
     ] = None,
     acceleration: Annotated[
         float | None,
-        typer.Option(min=0, help="Largest acceleration of all joints, rad/s² or m/s²."),
+        Option(min=0, help="Largest acceleration of all joints, rad/s² or m/s²."),
     ] = None,
     lock: Annotated[
         list[str] | None,
-        typer.Option(
-            help="A joint to hold, such as finger=0, in each robot that has it; may be repeated."
+        Option(
+            metavar="NAME=POSITION",
+            help="A joint to hold, such as finger=0, in each robot that has it; may be repeated.",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -498,7 +498,9 @@ def compare(
     limits = {name: value for name, value in stated.items() if value is not None}
     target = output_file(output, force)
     options = {"tolerance": tolerance, "limits": limits, "locked": _held(lock or ())}
-    raise typer.Exit(run_compare(first, second, read, options, target, as_json=as_json))
+    raise click.exceptions.Exit(
+        run_compare(first, second, read, options, target, as_json=as_json)
+    )
 
 
 def _held(texts: Sequence[str]) -> dict[str, float]:
@@ -517,7 +519,7 @@ def _held(texts: Sequence[str]) -> dict[str, float]:
 
 @app.command(epilog="Example: echelon schema description > robot.schema.json")
 def schema(
-    which: Annotated[Schema, typer.Argument(help="Which schema to print.")],
+    which: Annotated[Schema, Argument(help="Which schema to print.")],
 ) -> None:
     """Print the JSON schema of a file format."""
     from echelon.base import BaseModelRecord, LinearBaseRecord, json_schema
@@ -560,11 +562,15 @@ def run() -> None:
         VARIABLES, "1"
     )  # before NumPy is imported; equal commands write equal bytes
     try:
-        app()
-    except KeyboardInterrupt:
-        sys.exit(Exit.INTERRUPTED)
+        code = app.main(standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        code = Exit.INTERRUPTED
     except Exception as error:
-        sys.exit(_report(error))
+        code = _report(error)
+    sys.exit(code)
 
 
 def _report(error: Exception) -> int:

@@ -7,37 +7,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from echelon.algebra import random_generator
-from echelon.base import (
-    BaseModel,
-    LinearBase,
-    MimicRanks,
-    NumericComparison,
-    SensorReport,
-    SpecialGeometry,
-    SpecialisedMechanism,
-    base_parameters,
-    compare_numeric,
-    doubt_of_loops,
-    mechanism_notes,
-    mimic_ranks,
-    moved_to_close,
-    sensor_report,
-    special_geometry,
-    specialised,
-    to_json,
-    to_latex,
-    to_markdown,
-    to_text,
-)
+from echelon.base import BaseModel, LinearBase, base_parameters, to_text
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import json_text, say_time, steps
 from echelon.dynamics import LinearModel
 from echelon.formats import load, load_model
 from echelon.robot import Assembled, Mechanism, all_symbols
 from echelon.shared import InputError, one_line
+
+if TYPE_CHECKING:
+    from echelon.base import (
+        MimicRanks,
+        NumericComparison,
+        SensorReport,
+        SpecialGeometry,
+        SpecialisedMechanism,
+    )
 
 
 def run_derive(
@@ -107,10 +94,13 @@ def _numbers_in_balls(robot: Mechanism, *, symbolic: bool, generic: bool) -> boo
 
 
 def _rendered(base: BaseModel | LinearBase, output_format: str, *, full: bool) -> str:
-    if output_format == "json":
-        return to_json(base)
     if output_format == "text":
         return to_text(base, full=full) + "\n"
+    # what the others need is not imported for the most frequent one
+    from echelon.base import to_json, to_latex, to_markdown
+
+    if output_format == "json":
+        return to_json(base)
     if output_format.startswith("regressor"):
         formulas = base.symbolic_regressor()
         return (
@@ -136,6 +126,9 @@ def run_rank_only(
     as_json: bool,
 ) -> None:
     """Print or write the rank and the representatives."""
+    from echelon.algebra import random_generator
+    from echelon.base import mimic_ranks, moved_to_close, specialised
+
     with steps(f"deriving {file.name}"):
         robot, rng = load_model(file, **read), random_generator(seed)
         if isinstance(robot, LinearModel):
@@ -181,6 +174,8 @@ def _rank_json(
 def _rank_text(
     answer: SpecialisedMechanism, mimics: MimicRanks | None, moved: Assembled | None
 ) -> str:
+    from echelon.base import doubt_of_loops, mechanism_notes
+
     robot, structure = answer.mechanism, answer.structure
     lines = [
         f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters",
@@ -204,6 +199,8 @@ def run_special(
     file: Path, read: Read, output: Destination | None, seed: int, *, as_json: bool
 ) -> None:
     """Try special geometries, then print or write where the rank changes."""
+    from echelon.base import special_geometry
+
     with steps(f"trying special geometries of {file.name}"):
         robot = load(file, **read)
         found = special_geometry(robot, seed=seed)
@@ -231,6 +228,8 @@ def run_compare_numeric(
     file: Path, read: Read, output: Destination | None, seed: int, *, as_json: bool
 ) -> None:
     """Count exactly and numerically, then print or write."""
+    from echelon.base import compare_numeric
+
     with steps(f"comparing ranks of {file.name}"):
         robot = load(file, **read)
         found = compare_numeric(robot, seed=seed)
@@ -300,6 +299,8 @@ def run_sensors(
     file: Path, size: int, read: Read, seed: int, budget: float, *, as_json: bool
 ) -> None:
     """Print what sensors see, alone and in subsets up to a size."""
+    from echelon.base import sensor_report
+
     title = f"comparing the sensors of {file.name}"
     with steps(f"{title}: reading robot") as step:
         report = sensor_report(

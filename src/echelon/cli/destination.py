@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from echelon.cli.screen import show
+from echelon.cli.screen import say_written, show
 from echelon.shared import (
     READ,
     FileTarget,
@@ -82,11 +82,13 @@ def output_file(path: Path | None, force: bool) -> Destination | None:
 
 
 def deliver(text: str, output: Destination | None) -> None:
-    """Write text that ends with a line break, or print it."""
+    """Print text that ends with a line break; or write it, and say where, unless a pipe or a terminal got it."""
     if output is None:
         show(text)
-    else:
-        output.write(text)
+        return
+    output.write(text)
+    if not FileTarget.of(output.path).stream:
+        say_written([output.path])
 
 
 def _is_foreign(target: FileTarget) -> bool:

@@ -1,18 +1,18 @@
 """Commands about exciting trajectories.
 
-Only typer is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
+Only click is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
 """
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-import typer
+import click
 
 from echelon.cli.app import AS_READ, AsJson, Force, app, reads_robot
+from echelon.cli.parameters import Argument, Option
 from echelon.cli.process import Exit, stop_asked
 from echelon.cli.screen import steps
 from echelon.shared import Family, Optimality
@@ -20,32 +20,27 @@ from echelon.shared import Family, Optimality
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
 
 
-class SampleFormat(StrEnum):
-    """Files of samples."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-    YAML = "yaml"
-
+SampleFormat = Literal["csv", "parquet", "yaml"]
 
 SetupFile = Annotated[
     Path,
-    typer.Argument(
+    Argument(
         help="Robot description with its sensors and the section 'excitation'; or URDF, MJCF."
     ),
 ]
 Move = Annotated[
-    list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")
+    list[str] | None,
+    Option(metavar="NAME", help="A coordinate that moves; may be repeated."),
 ]
 Prior = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         help="The same robot with inertial values, for torques (URDF, MJCF, description)."
     ),
 ]
 Model = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         help="model.json of an identification, which predicts torques and how uncertain they are."
     ),
 ]
@@ -60,60 +55,57 @@ def excite(
     read: dict[str, Any],
     output: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--output",
             "-o",
+            metavar="DIR",
             help="Directory for trajectory.json, samples and preview.html.",
         ),
     ] = None,
     force: Force = False,
     duration: Annotated[
-        float | None, typer.Option(help="Length of the motion, or of its period, s.")
+        float | None, Option(help="Length of the motion, or of its period, s.")
     ] = None,
-    family: Annotated[Family | None, typer.Option(help="Functions of time.")] = None,
+    family: Annotated[Family | None, Option(help="Functions of time.")] = None,
     harmonics: Annotated[
-        int | None, typer.Option(min=1, help="Harmonics of Fourier series.")
+        int | None, Option(min=1, help="Harmonics of Fourier series.")
     ] = None,
     segments: Annotated[
-        int | None, typer.Option(min=1, help="Segments of B-splines.")
+        int | None, Option(min=1, help="Segments of B-splines.")
     ] = None,
-    criterion: Annotated[
-        Optimality | None, typer.Option(help="What is optimised.")
-    ] = None,
+    criterion: Annotated[Optimality | None, Option(help="What is optimised.")] = None,
     move: Move = None,
     starts: Annotated[
-        int | None, typer.Option(min=1, help="Random starts; the best one counts.")
+        int | None, Option(min=1, help="Random starts; the best one counts.")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of the random starts.")
+        int | None, Option(min=0, help="Seed of the random starts.")
     ] = None,
     iterations: Annotated[
         int | None,
-        typer.Option(min=1, help="Steps of the solver in each start, at most."),
+        Option(min=1, help="Steps of the solver in each start, at most."),
     ] = None,
     budget: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Budget of the search, about seconds; the best motion so far is the result."
         ),
     ] = None,
     prior_log: Annotated[
         list[Path] | None,
-        typer.Option(
-            help="An existing log that the motion complements; may be repeated."
-        ),
+        Option(help="An existing log that the motion complements; may be repeated."),
     ] = None,
     prior: Prior = None,
     model: Model = None,
     formats: Annotated[
         list[SampleFormat] | None,
-        typer.Option(
+        Option(
             "--format", help="Format of samples; may be repeated; yaml is for ROS 2."
         ),
     ] = None,
-    rate: Annotated[float, typer.Option(help="Sampling rate, Hz.")] = 1000.0,
+    rate: Annotated[float, Option(help="Sampling rate, Hz.")] = 1000.0,
     repeats: Annotated[
-        int, typer.Option(min=1, help="How often a periodic motion is run.")
+        int, Option(min=1, help="How often a periodic motion is run.")
     ] = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -147,7 +139,7 @@ def excite(
         budget=budget,
         model=model and str(model.absolute()),
     )
-    kinds = [f".{one.value}" for one in formats or [SampleFormat.CSV]]
+    kinds = [f".{one}" for one in formats or ["csv"]]
     folder = None if output is None else Destination(output, force)
     if folder is not None:
         folder.check((TRAJECTORY, PREVIEW, *(f"trajectory{kind}" for kind in kinds)))
@@ -181,7 +173,7 @@ def excite(
         as_json=as_json,
     )
     if asked.number:
-        raise typer.Exit(asked.code)
+        raise click.exceptions.Exit(asked.code)
 
 
 @app.command(
@@ -192,12 +184,12 @@ def check_trajectory(
     setup: SetupFile,
     trajectory: Annotated[
         Path,
-        typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML)."),
+        Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML)."),
     ],
     read: dict[str, Any],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Preview page to write (HTML)."),
+        Option("--output", "-o", help="Preview page to write (HTML)."),
     ] = None,
     force: Force = False,
     move: Move = None,
@@ -228,7 +220,7 @@ def check_trajectory(
         page.write(preview_html(found))
     say(found, [] if page is None else [page.path], started, as_json=as_json)
     if not found.safe:
-        raise typer.Exit(Exit.REFUTED)
+        raise click.exceptions.Exit(Exit.REFUTED)
 
 
 def _stated(**changed: Any) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The command ``generate``.
 
-Only typer is imported here; the command imports what it needs when it runs, so that ``--help`` is instant.
+Only click is imported here; the command imports what it needs when it runs, so that ``--help`` is instant.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import typer
 
 from echelon.cli.app import (
     AS_READ,
@@ -23,6 +21,7 @@ from echelon.cli.app import (
     reading,
     reads_robot,
 )
+from echelon.cli.parameters import Argument, Option
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.shared import CertificateError, InputError, one_line
 
@@ -50,51 +49,62 @@ LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, clo
 def generate(
     robot: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             help="URDF, MJCF, Echelon description, or base parameters saved as JSON."
         ),
     ],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="Directory for the files, or one file."),
+        Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Directory for the files, or one file.",
+        ),
     ],
     read: dict[str, Any],
     force: Force = False,
     target: Annotated[
-        str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")
+        str, Option("--target", "-t", metavar="LANGUAGE", help=f"One of {TARGETS}.")
     ] = "c",
     function: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--function",
             show_default="regressor,inverse_dynamics,mass_matrix,gravity",
+            metavar="NAMES",
             help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}; with contacts {CONTACT_FUNCTIONS}; in C {ONLINE}.",
         ),
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option(help="Prefix of the functions' names; default: the robot's name."),
+        Option(
+            metavar="NAME",
+            help="Prefix of the functions' names; default: the robot's name.",
+        ),
     ] = None,
     precision: Annotated[
-        Literal["double", "single"], typer.Option(help="Floating-point type.")
+        Literal["double", "single"], Option(help="Floating-point type.")
     ] = "double",
     parameters: Annotated[
         str | None,
-        typer.Option(
-            help="Values to write as constants: 'file' for those of the robot's file, or a JSON or CSV file."
+        Option(
+            metavar="VALUES",
+            help="Values to write as constants: 'file' for those of the robot's file, or a JSON or CSV file.",
         ),
     ] = None,
     keep_symbols: Annotated[
         str | None,
-        typer.Option(
-            help="Geometry to keep as arguments instead of constants: 'all', or names with commas."
+        Option(
+            metavar="NAMES",
+            help="Geometry to keep as arguments instead of constants: 'all', or names with commas.",
         ),
     ] = None,
     order: Ordering = "base-to-tip",
     prefer: Prefer = None,
     seed: Seed = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Machine-readable summary.")
+        bool, Option("--json", help="Machine-readable summary.")
     ] = False,
 ) -> None:
     """Write source code of the robot's functions in terms of its base parameters."""

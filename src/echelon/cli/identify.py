@@ -40,7 +40,7 @@ from echelon.identification import (
     servo_to_json,
     with_logs,
 )
-from echelon.shared import InputError, extra, nearest_of, one_line
+from echelon.shared import FileTarget, InputError, extra, nearest_of, one_line
 
 if TYPE_CHECKING:
     from echelon.identification import Identification
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
 NO_CODE = "none"
 MODEL, REPORT, SERVOS = "model.json", "report.html", "servos.json"
+SCHEMA = "robot.schema.json"
 
 
 def run_identify(
@@ -259,7 +260,7 @@ def run_check(
     if as_json:
         show(json_text(_record(found)))
         return
-    for line in (*setup.assumed, *_lines(found, len(paths))):
+    for line in (*setup.unmeasured, *setup.assumed, *_lines(found, len(paths))):
         show(one_line(line))
     say_time(started)
 
@@ -305,6 +306,22 @@ def _record(found: FirstLook) -> dict[str, Any]:
     }
 
 
+def _write_setup(text: str, output: Destination) -> list[Path]:
+    """Write a set-up, and beside it the schema that its first line names, for editors that complete and check it."""
+    from echelon.formats import json_schema
+
+    if FileTarget.of(output.path).stream:
+        output.write(text)
+        return [output.path]
+    folder = Destination(output.path.parent, output.force)
+    schema = json.dumps(json_schema(), indent=2) + "\n"
+    files = {output.path.name: f"# yaml-language-server: $schema={SCHEMA}\n{text}"}
+    there = folder.path / SCHEMA
+    if not there.is_file() or there.read_text(encoding="utf-8") != schema:
+        files[SCHEMA] = schema
+    return folder.write_into(files)
+
+
 def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> None:
     """Write a set-up for a robot and its logs, and say what it leaves open."""
     from echelon.identification import skeleton
@@ -319,16 +336,14 @@ def run_setup(robot: Path, logs: Sequence[Path], output: Destination | None) -> 
     if output is None:
         show(found.text.rstrip())
         return
-    output.write(found.text)
+    written = " and ".join(map(str, _write_setup(found.text, output)))
     for line in found.report:
         show(line)
     for question in found.undecided:
         show(f"open: {question}")
     if not found.is_complete:
-        show(
-            f"wrote {output.path}; answer the open questions in it before you identify"
-        )
+        show(f"wrote {written}; answer the open questions in it before you identify")
         return
     show(
-        f"wrote {output.path}; next:  echelon identify {output.path} {' '.join(map(str, logs))} -o result/"
+        f"wrote {written}; next:  echelon identify {output.path} {' '.join(map(str, logs))} -o result/"
     )

@@ -9,10 +9,14 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from echelon.shared import one_line
+
+if TYPE_CHECKING:
+    import logging
 
 _NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
 _state = {"verbose": False}
@@ -25,7 +29,7 @@ def set_verbosity(verbose: bool) -> None:
 
 def show(text: str) -> None:
     """Print text or JSON, with a line break at its end."""
-    typer.echo(visible(text.removesuffix("\n")))
+    click.echo(visible(text.removesuffix("\n")))
 
 
 def visible(text: str) -> str:
@@ -56,16 +60,32 @@ def say_time(started: float) -> None:
         sys.stderr.write(f"time: {perf_counter() - started:.2f} s\n")
 
 
+def _logger() -> logging.Logger:
+    """The logger ``echelon``, which writes messages and the time since now to standard error."""
+    import logging
+
+    started = perf_counter()
+
+    class Since(logging.Formatter):
+        def format(self, record: logging.LogRecord) -> str:
+            return f"{perf_counter() - started:8.2f} s  {record.getMessage()}"
+
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(Since())
+    log = logging.getLogger("echelon")
+    log.handlers, log.propagate = [handler], False
+    log.setLevel(logging.INFO)
+    return log
+
+
 @contextmanager
 def steps(title: str = "") -> Iterator[Callable[[str], None]]:
     """A spinner that says which step of a command runs; nothing in a pipe."""
-    started = perf_counter()
     if _state["verbose"]:
+        log = _logger()
 
         def say(message: str) -> None:
-            sys.stderr.write(
-                f"{perf_counter() - started:8.2f} s  {one_line(message)}\n"
-            )
+            log.info("%s", one_line(message))
 
         if title:
             say(title)

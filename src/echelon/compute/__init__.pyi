@@ -3,7 +3,7 @@
 from echelon.compute.machine.kernel import Kernel as Kernel
 from echelon.compute.machine.kernel import real_array as real_array
 from echelon.compute.machine.kernel import value_of as value_of
-from echelon.compute.machine.target import VARIABLES as VARIABLES
+from echelon.compute.machine.threads import VARIABLES as VARIABLES
 from echelon.compute.observe.accumulate import Observer as Observer
 from echelon.compute.observe.observation import Layout as Layout
 from echelon.compute.observe.observation import NormalEquations as NormalEquations

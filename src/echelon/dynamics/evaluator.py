@@ -287,11 +287,15 @@ class Evaluator:
         out: Floats | None = None,
         threads: int | None = None,
     ) -> Floats:
-        """Evaluate at states of shape (N, size) or (size,); returns an array of shape (N, …).
+        """Evaluate at states of shape (N, size), or at one of shape (size,); returns an array of shape (N, …), or (…).
 
         With loops, each of ``q``, ``qd`` and ``qdd`` may be that of the independent coordinates only.
         """
         values = function_values(
             self.mechanism, self.function, state, symbols, inputs, self._loops
         )
-        return self.kernel(values, out, threads)
+        is_one = all(np.ndim(state[name]) == 1 for name in STATE if name in state)
+        if not is_one:
+            return self.kernel(values, out, threads)
+        found = self.kernel(values, None if out is None else out[None], threads)[0]
+        return found if out is None else out

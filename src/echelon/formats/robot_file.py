@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from echelon.dynamics import LinearModel
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
-from echelon.formats.robot_sources import described_path, expanded, text_of
 from echelon.formats.snapping import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.unit_questions import unit_questions
 from echelon.formats.usual_effects import with_usual_effects
@@ -294,10 +293,12 @@ def _opened(robot: Any) -> RobotFile:
     if isinstance(robot, RobotFile):
         return robot
     if not isinstance(robot, str | os.PathLike):
+        from echelon.formats.robot_sources import text_of
+
         return RobotFile.of(*text_of(robot))
     text = os.fspath(robot)
     if isinstance(text, str) and text.lstrip().startswith("<"):
-        return RobotFile.of(expanded(text.encode(), "text", None), "text")
+        return _expanded(text.encode(), "text", None)
     if isinstance(text, str) and (
         "\n" in text.strip() or text.lstrip().startswith("{")
     ):
@@ -305,10 +306,17 @@ def _opened(robot: Any) -> RobotFile:
     file = Path(text)
     if file.suffix.lower() in _DESCRIPTIONS:  # neither a name nor xacro
         return RobotFile.of(read_content(file), str(file), file.parent)
+    from echelon.formats.robot_sources import described_path
+
     file = described_path(str(text)) or file
-    return RobotFile.of(
-        expanded(read_content(file), str(file), file.parent), str(file), file.parent
-    )
+    return _expanded(read_content(file), str(file), file.parent)
+
+
+def _expanded(data: bytes, source: str, directory: Path | None) -> RobotFile:
+    """A file of XML, whose macros are expanded; descriptions do without what this needs."""
+    from echelon.formats.robot_sources import expanded
+
+    return RobotFile.of(expanded(data, source, directory), source, directory)
 
 
 @public

@@ -26,7 +26,13 @@ from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judged
 from echelon.identification.judge.mounting import is_unknown, standing, with_gravity
 from echelon.identification.judging import judged_fit, misread_elsewhere
-from echelon.identification.logs.finding import Finding, counted, enumerated, note
+from echelon.identification.logs.finding import (
+    Finding,
+    counted,
+    enumerated,
+    note,
+    warning,
+)
 from echelon.identification.passes_over_data import MEMORY, PassesOverData, Task
 from echelon.identification.physics.fit import departures
 from echelon.identification.physics.prior_information import known_before
@@ -280,6 +286,7 @@ def _fitted(
         elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 
     findings = [note("assumed", setup.source, text) for text in setup.assumed]
+    findings += [warning("outputs", setup.source, text) for text in setup.unmeasured]
     findings += [some.finding(settings.level) for some in constants]
     findings += [
         *surveyed.findings,

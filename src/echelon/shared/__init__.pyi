@@ -79,3 +79,4 @@ from echelon.shared.names import check_text as check_text
 from echelon.shared.names import check_title as check_title
 from echelon.shared.names import symbol_stem as symbol_stem
 from echelon.shared.version import __version__ as __version__
+from echelon.shared.version import page as page

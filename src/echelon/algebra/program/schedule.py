@@ -271,8 +271,9 @@ class FieldSampler:
 
     def __init__(self, program: Program, outputs: Sequence[int]) -> None:
         self.program, self.outputs = program, outputs
-        functions = [n for n in program.needed(outputs) if program.ops[n] in CIRCULAR]
-        signs = [n for n in program.needed(outputs) if program.ops[n] == Op.SIGN]
+        needed = program.needed(outputs)
+        functions = [n for n in needed if program.ops[n] in CIRCULAR]
+        signs = [n for n in needed if program.ops[n] == Op.SIGN]
         self._schedule = Schedule(program, outputs, (*functions, *signs))
         self._inputs = [n for n in self._schedule.leaves if n in program.inputs]
         self._functions = [

@@ -168,15 +168,6 @@ def _know_library_functions() -> None:
             break
 
 
-VARIABLES = (
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "BLIS_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
-"""Environment variables that libraries of linear algebra read when they are loaded."""
-
-
 _MAGIC = b"echelon object code 1\n"
 MOST_ENTRIES = 1000
 """Files of object code in the cache; the oldest go first."""

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from echelon.base import BaseModel, base_parameters
 from echelon.dynamics import coordinate_units
@@ -51,6 +50,7 @@ from echelon.formats import (
     FrameEntry,
     LimitsEntry,
     StatedLimits,
+    UnfitError,
     stated_limits,
 )
 from echelon.identification import Finding, Setup, listed, note, warning
@@ -623,9 +623,6 @@ def changed(
     )  # where what is unlimited is written none
     try:
         return ExcitationEntry.model_validate(stated | dict(changes))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(("excitation", *map(str, first["loc"])))
-        raise InputError(
-            first["msg"].removeprefix("Value error, "), source=source, element=where
-        ) from None
+    except UnfitError as error:
+        where = ".".join(("excitation", *map(str, error.where)))
+        raise InputError(error.problem, source=source, element=where) from None

@@ -138,8 +138,7 @@ _START = "a description is a mapping that begins with 'echelon: 1'"
 
 def check_document(document: Document) -> RobotDescription:
     """The description as a model of the published schema."""
-    from pydantic import ValidationError
-
+    from echelon.formats.schema.models import UnfitError
     from echelon.formats.schema.robot_schema import RobotDescription
 
     if not isinstance(document.data, dict):
@@ -155,12 +154,10 @@ def check_document(document: Document) -> RobotDescription:
         raise document.error("", f"the key 'echelon' is missing: {_START}")
     try:
         return RobotDescription.model_validate(document.data)
-    except ValidationError as error:
+    except UnfitError as error:
         from echelon.formats.description.explanations import explained
 
-        raise document.error(
-            *explained(document.data, error.errors(include_url=False))
-        ) from None
+        raise document.error(*explained(document.data, error)) from None
 
 
 MOST_TERMS = 5000

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import re
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
+from echelon.formats.schema.models import UnfitError
 from echelon.formats.schema.robot_schema import RobotDescription
-from echelon.formats.schema.schema_outputs import SENSORS
-from echelon.formats.schema.schema_types import kind_of
-from echelon.shared import dump_flow, nearest_of, nearest_word, step_into
-
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
+from echelon.shared import dump_flow, nearest_word, step_into
 
 
-def explained(data: Any, problems: list[ErrorDetails]) -> tuple[str, str]:
-    """Path and description of the first problem; a misspelt key comes before the key that is missing because of it."""
-    first = min(problems, key=lambda p: p["type"] == "missing")
-    location = first["loc"]
-    path, value = _locate(data, location)
-    if isinstance(first["input"], dict) and not isinstance(value, dict):
-        # the last part is no key but the branch of a union, which has the name of one
-        location = location[:-1]
-        path, value = _locate(data, location)
-    unknown = first["type"] == "unknown_key"
-    place = (*location, first["ctx"]["key"]) if unknown else location
-    if unknown:
-        path = step_into(path, first["ctx"]["key"])
-    line = _line(place)
-    return path, _message(first, value) + (f"; write  {line}" if line else "")
+def explained(data: Any, error: UnfitError) -> tuple[str, str]:
+    """Path and description of what does not fit, with the line to write instead."""
+    unknown = () if error.unknown is None else (error.unknown,)
+    missing = () if error.missing is None else (error.missing,)
+    path = _path(data, (*error.where, *unknown))
+    line = _line((*error.where, *unknown, *missing))
+    return path, error.problem + (f"; write  {line}" if line else "")
+
+
+def _path(data: Any, location: tuple[int | str, ...]) -> str:
+    """Path of an element, as far as the document has it: a shorter way of writing may stand for the rest."""
+    path = ""
+    for part in location:
+        if isinstance(data, dict):
+            known = part in data
+        else:
+            known = isinstance(part, int) and isinstance(data, list | tuple)
+        if known:
+            data, path = data[part], step_into(path, part)
+    return path
 
 
 def _line(location: tuple[int | str, ...]) -> str:
@@ -70,44 +70,3 @@ def _models(annotation: Any) -> list[Any]:
     if hasattr(annotation, "model_fields"):
         return [annotation]
     return [model for inner in get_args(annotation) for model in _models(inner)]
-
-
-def _locate(data: Any, location: tuple[int | str, ...]) -> tuple[str, Any]:
-    """Path and value of an element; a location also names the branches of unions, which the data does not have."""
-    path = ""
-    for part in location:
-        known = isinstance(data, dict) and part in data
-        if known or (
-            isinstance(data, list | tuple)
-            and isinstance(part, int)
-            and part < len(data)
-        ):
-            data, path = data[part], step_into(path, part)
-    return path, data
-
-
-def _message(problem: ErrorDetails, value: Any) -> str:
-    context = problem.get("ctx", {})
-    match problem["type"]:
-        case "missing":
-            return f"the key '{problem['loc'][-1]}' is missing"
-        case "literal_error":
-            valid = re.findall(r"'([^']*)'", str(context["expected"]))
-            given = problem["input"]
-            return f"{kind_of(given)} is not valid{nearest_of(str(given), valid)}"
-        case "union_tag_invalid":
-            valid = re.findall(r"'([^']*)'", str(context["expected_tags"]))
-            tag = str(context["tag"])
-            return f"unknown joint type '{tag}'{nearest_of(tag, valid)}"
-        case "union_tag_not_found":
-            if problem["loc"][0] == "outputs":
-                *keys, last = SENSORS
-                return f"needs one of the keys {', '.join(keys)} and {last}, which name the measurement"
-            return "the key 'type' is missing: a joint has a type such as revolute"
-        case "model_attributes_type":
-            return f"needs a mapping such as {{type: revolute, axis: z}}, found {kind_of(value)}"
-        case "dict_type":
-            return f"needs a mapping 'name: value', found {kind_of(value)}"
-        case "string_type":
-            return f"needs a text, found {kind_of(value)}"
-    return problem["msg"]

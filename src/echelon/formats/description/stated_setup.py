@@ -289,7 +289,7 @@ class Additions:
             else self.expressions.real(entry.value, f"{path}.value")
         )
         state = entry.bristles
-        bristles = None if state is None else Bristles(**dict(state))
+        bristles = None if state is None else Bristles(**state.model_dump())
         return Effect(entry.parameter, entry.unit, actions, value, bristles)
 
     def _ready(self, entry: ReadyEffect, path: str) -> list[Effect]:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, ConfigDict, Tag, model_validator
-
+from echelon.formats.schema.models import BeforeValidator, Tag, model_validator
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_experiments import ContactEntry, Experiments
 from echelon.formats.schema.schema_log import (
@@ -236,10 +235,10 @@ class BodyEntry(_Carrier):
 class RobotDescription(Model):
     """One robot."""
 
-    model_config = ConfigDict(
-        title="Echelon robot description",
-        json_schema_extra={"oneOf": [{"required": [form]} for form in FORMS]},
-    )
+    model_config = {  # noqa: RUF012
+        "title": "Echelon robot description",
+        "json_schema_extra": {"oneOf": [{"required": [form]} for form in FORMS]},
+    }
 
     echelon: Version = required("Version of this format.", 1)
     name: str = optional("robot", "Name of the robot.", "panda")

@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Self
 
-from pydantic import (
+from echelon.formats.schema.models import (
     BeforeValidator,
     Field,
     PlainSerializer,
     WithJsonSchema,
+    kind_of,
     model_validator,
 )
-
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     SCALAR,
@@ -25,7 +25,6 @@ from echelon.formats.schema.schema_types import (
     Name,
     Number,
     Whole,
-    kind_of,
     number,
     of_size,
     optional,
@@ -126,12 +125,8 @@ Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[Whole, Field(ge=1)]
 # JSON has no infinity, and what is written there is read again
-_WRITTEN = PlainSerializer(_written, return_type=float | str, when_used="json")
-_WRITTEN_RANGE = PlainSerializer(
-    lambda ends: [_written(end) for end in ends],
-    return_type=list[float | str],
-    when_used="json",
-)
+_WRITTEN = PlainSerializer(_written)
+_WRITTEN_RANGE = PlainSerializer(lambda ends: [_written(end) for end in ends])
 Limit = Annotated[float, BeforeValidator(_limit), Field(gt=0), _WRITTEN]
 Range = Annotated[
     tuple[float, float],

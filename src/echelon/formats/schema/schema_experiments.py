@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Tag
-
+from echelon.formats.schema.models import Tag
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Expression,

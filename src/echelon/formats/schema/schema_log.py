@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
+from echelon.formats.schema.models import (
     AfterValidator,
     BeforeValidator,
     Field,
@@ -13,7 +13,6 @@ from pydantic import (
     WithJsonSchema,
     model_validator,
 )
-
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Expression,

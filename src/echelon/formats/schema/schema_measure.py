@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, Tag
-
+from echelon.formats.schema.models import Field, Tag
 from echelon.formats.schema.schema_log import Corner, Positive
 from echelon.formats.schema.schema_types import (
     AS_LIST,

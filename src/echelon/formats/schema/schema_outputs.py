@@ -12,9 +12,8 @@ from functools import reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
-from pydantic import Discriminator, Tag, model_validator
-
 from echelon.algebra import Polynomial
+from echelon.formats.schema.models import Discriminator, Tag, model_validator
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Expression,
@@ -218,10 +217,13 @@ SENSORS: dict[str, type[Sensor]] = {
 """Kinds of sensors, by the key that says what is measured."""
 
 
-def _kind(value: Any) -> str | None:
-    return next(
-        (key for key in SENSORS if isinstance(value, dict) and key in value), None
-    )
+def _kind(value: Any) -> str:
+    for key in SENSORS:
+        if isinstance(value, dict) and key in value:
+            return key
+    *keys, last = SENSORS
+    problem = f"needs one of the keys {', '.join(keys)} and {last}, which say what is measured"
+    raise refusal(problem)
 
 
 if TYPE_CHECKING:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Discriminator, Tag, model_validator
-
 from echelon.algebra import parse
+from echelon.formats.schema.models import Discriminator, Tag, model_validator
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     Direction,
@@ -153,7 +153,7 @@ class ReadyEffect(Model):
     @model_validator(mode="after")
     def _check_constants(self) -> Self:
         needed = CONSTANTS.get(self.type, {})
-        for name in {name for some in CONSTANTS.values() for name in some}:
+        for name in dict.fromkeys(chain.from_iterable(CONSTANTS.values())):
             if getattr(self, name) is not None and name not in needed:
                 raise refusal(f"a {self.type} effect has no '{name}'")
         for name, default in needed.items():

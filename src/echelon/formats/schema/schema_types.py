@@ -12,25 +12,25 @@ from __future__ import annotations
 
 import math
 import re
-from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from functools import partial, reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
-from pydantic import (
+from echelon.algebra import PER_PI, PI, is_whole, parse, pi_generators
+from echelon.formats.schema.models import (
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
+    UnfitError,
     WithJsonSchema,
+    kind_of,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
-
-from echelon.algebra import PER_PI, PI, is_whole, parse, pi_generators
 from echelon.formats.snapping import NOT_FINITE
 from echelon.robot import ClosureKind
-from echelon.shared import nearest
+from echelon.shared import nearest, nearest_of
 
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
 _FLAGS = {"true": True, "false": False}
@@ -45,18 +45,9 @@ _RENAMED = {
 """Keys of other conventions: a key of the mapping where they are found, and what to write instead."""
 
 
-def kind_of(value: object) -> str:
-    """Name of a value in messages."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, dict):
-        return "a mapping"
-    return "a list" if isinstance(value, list | tuple) else f"'{value}'"
-
-
-def refusal(problem: str) -> PydanticCustomError:
+def refusal(problem: str) -> UnfitError:
     """An error with a message of ours."""
-    return PydanticCustomError("refused", "{problem}", {"problem": problem})
+    return UnfitError(problem)
 
 
 def _scalar(what: str, value: object) -> str:
@@ -238,9 +229,7 @@ Axis = Annotated[
 
 
 class Model(BaseModel):
-    """Common behaviour: nothing is converted silently, unknown keys are refused, results are frozen."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+    """Common behaviour of all mappings: unknown keys are refused."""
 
     @model_validator(mode="before")
     @classmethod
@@ -261,10 +250,29 @@ class Model(BaseModel):
                     else nearest(str(key), valid)
                 )
                 problem = f"unknown key{hint} (valid: {', '.join(valid)})"
-                raise PydanticCustomError(
-                    "unknown_key", "{problem}", {"problem": problem, "key": str(key)}
-                )
+                raise UnfitError(problem, unknown=str(key))
         return data
+
+    @classmethod
+    def model_json_schema(cls) -> dict[str, Any]:
+        """The JSON schema."""
+        from echelon.formats.schema.json_schema import schema_of
+
+        return schema_of(cls)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: Any, _handler: Any) -> Any:
+        """What pydantic does with a model that a saved file holds."""
+        from pydantic_core import core_schema
+
+        dump = core_schema.plain_serializer_function_ser_schema(cls.model_dump)
+        return core_schema.no_info_plain_validator_function(
+            cls.model_validate, serialization=dump
+        )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, _schema: Any, _handler: Any) -> Any:
+        return cls.model_json_schema()
 
 
 def exactly_one(*keys: str) -> Any:
@@ -392,10 +400,30 @@ class CustomJoint(Model):
     )
 
 
-Joint = Annotated[
-    AxisJoint | HelicalJoint | UniversalJoint | PlainJoint | CustomJoint,
-    Field(discriminator="type"),
-]
+_JOINTS = (AxisJoint, HelicalJoint, UniversalJoint, PlainJoint, CustomJoint)
+
+
+def _kind_of_joint(value: Any) -> str:
+    if not isinstance(value, dict):
+        example = "{type: revolute, axis: z}"
+        raise refusal(f"needs a mapping such as {example}, found {kind_of(value)}")
+    if "type" not in value:
+        raise refusal("the key 'type' is missing: a joint has a type such as revolute")
+    types: dict[str, str] = {}
+    for model in _JOINTS:
+        kinds = get_args(model.model_fields["type"].annotation)
+        types |= dict.fromkeys(kinds, model.__name__)
+    kind = str(value["type"])
+    if kind not in types:
+        raise refusal(f"unknown joint type '{kind}'{nearest_of(kind, types)}")
+    return types[kind]
+
+
+if TYPE_CHECKING:
+    Joint = AxisJoint | HelicalJoint | UniversalJoint | PlainJoint | CustomJoint
+else:
+    _tagged = [Annotated[model, Tag(model.__name__)] for model in _JOINTS]
+    Joint = Annotated[reduce(or_, _tagged), Discriminator(_kind_of_joint)]
 
 
 if TYPE_CHECKING:

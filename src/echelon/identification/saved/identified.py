@@ -163,7 +163,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
         # an infinite cut-off, which means no filter, as a word
         preparation={
             key: "inf" if value == math.inf else value
-            for key, value in result.preparation
+            for key, value in result.preparation.model_dump().items()
         },
         settings=settings,
         base=to_dict(result.base),

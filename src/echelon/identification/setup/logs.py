@@ -32,7 +32,7 @@ from echelon.identification.logs.read_log import first_table, measured, opened
 from echelon.identification.logs.units import factor
 from echelon.identification.setup.setup import Setup, setup_of, with_usual
 from echelon.robot import Mechanism, lock_joints, lockable
-from echelon.shared import MOST_NAMED, InputError
+from echelon.shared import MOST_NAMED, InputError, nearest_word
 
 _VECTOR = re.compile(
     r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE
@@ -54,7 +54,7 @@ def with_logs(
         for some in (logs, others)
     )
     if setup.columns:
-        return setup, fitted, unseen
+        return _as_logged(setup, (*fitted, *unseen)), fitted, unseen
     kinds: dict[tuple[str, ...], LogFile] = {}
     for path in (*fitted, *unseen):
         file = opened(path)
@@ -71,8 +71,41 @@ def with_logs(
             found.setup,
             columns=(*setup.columns, found.columns),
             assumed=(*setup.assumed, *notes),
+            unmeasured=(*setup.unmeasured, *found.unmeasured),
         )
     return setup, fitted, unseen
+
+
+def _as_logged(setup: Setup, paths: Sequence[Path]) -> Setup:
+    """The set-up without outputs of which no log has the column.
+
+    Where none has any, or a name may be misspelt, reading a log says so.
+    """
+    columns = {name for path in paths for name in opened(path).names}
+    stated = [pair for some in setup.columns for pair in some.outputs.items()]
+    there = {name for name, channel in stated if channel.column in columns}
+    lost = {name: some.column for name, some in stated if name not in there}
+    groups = [group for some in setup.columns for group in some.channels.values()]
+    used = {channel.column for group in groups for channel in group.values()}
+    outputs = {output.reads or output.name for output in setup.mechanism.outputs}
+    is_misspelt = any(nearest_word(column, columns - used) for column in lost.values())
+    if not lost or not there or not lost.keys() <= outputs or is_misspelt:
+        return setup
+    texts = [
+        f"no log has the column '{column}': {_consequence(name)}"
+        for name, column in lost.items()
+    ]
+    kept = [
+        replace(some, outputs={n: c for n, c in some.outputs.items() if n in there})
+        for some in setup.columns
+    ]
+    setup = replace(_without(setup, {}, lost.keys()), columns=tuple(kept))
+    return replace(setup, unmeasured=(*setup.unmeasured, *texts))
+
+
+def _consequence(names: str) -> str:
+    """What follows where an output is not measured."""
+    return f"parameters that only the output of {names} shows are left out, and it is not predicted"
 
 
 @dataclass(frozen=True)
@@ -88,6 +121,7 @@ class Understood:
         dict[str, float], ...
     ] = ()  # the same, where only the user can tell which joints rest
     commanded: bool = False  # whether there are commands of positions, and nothing that could be an output
+    unmeasured: tuple[str, ...] = ()  # outputs that no column is of, in sentences
 
 
 def understood(
@@ -179,9 +213,11 @@ def understood(
         else:  # nothing would be left: what is wrong with it is said when it is read
             silent = set(found.unmeasured)
     silent -= locked.keys()
+    lacking = []
     if silent:
-        notes.append(
-            f"no measured output for {listed(silent)}: no column, or only zeros"
+        gone = listed(silent)
+        lacking.append(
+            f"no measured output for {gone}: no column, or only zeros; {_consequence(gone)}"
         )
     return Understood(
         _without(setup, locked, silent),
@@ -191,6 +227,7 @@ def understood(
         locked,
         tuple(_assumed(setup, some) for some in found.choices),
         found.commanded and not lacks_outputs,
+        tuple(lacking),
     )
 
 

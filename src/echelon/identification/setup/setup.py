@@ -43,7 +43,7 @@ from echelon.identification.logs.columns.motion_sensors import (
 )
 from echelon.identification.logs.finding import listed
 from echelon.robot import Mechanism, known_values
-from echelon.shared import InputError, in_quotes, nearest, nearest_of, public
+from echelon.shared import InputError, in_quotes, nearest, nearest_of, page, public
 
 if TYPE_CHECKING:
     from echelon.formats import Column, ColumnEntry, Columns, Combination, LogEntry
@@ -76,6 +76,8 @@ class Setup:
         Whether the usual effects are among them, so that rotors are tried where data ask for them.
     assumed : tuple of str
         What was taken for granted where the file is silent, in sentences.
+    unmeasured : tuple of str
+        Outputs that no log has, and what follows, in sentences.
     excitation : ExcitationEntry
         What a trajectory has to keep that excites the parameters; see :func:`echelon.exciting_trajectory`.
     measure : tuple of MeasureEntry
@@ -99,6 +101,7 @@ class Setup:
     states_effects: bool = True
     usual: bool = False
     assumed: tuple[str, ...] = ()
+    unmeasured: tuple[str, ...] = ()
     excitation: ExcitationEntry = field(default_factory=ExcitationEntry.model_construct)
     measure: tuple[MeasureEntry, ...] = ()
     seed: int = DEFAULT_SEED
@@ -195,14 +198,14 @@ def _check_single(setup: Setup) -> None:
     if mechanism.experiments:
         raise InputError(
             f"it states the experiments {in_quotes(mechanism.experiments)}, and a log or a motion belongs to one: "
-            "leave the others out, or add their observations in Python (docs/experiments.md)",
+            f"leave the others out, or add their observations in Python ({page('experiments')})",
             source=setup.source,
             element="experiments",
         )
     if mechanism.contacts:
         raise InputError(
             "unmeasured forces act there, and rows of logs would contain them: leave contacts out if the logs have "
-            "none, or use base.without_contact_forces in Python (docs/experiments.md)",
+            f"none, or use base.without_contact_forces in Python ({page('experiments')})",
             source=setup.source,
             element=f"contact '{mechanism.contacts[0].name}'",
         )

@@ -118,12 +118,15 @@ def skeleton(
         "#",
     ]
     head += (
-        _comments("found", found.notes)
+        _comments("found", (*found.notes, *found.unmeasured))
         + _comments("open", questions)
         + _comments("tried", trial)
     )
     return Skeleton(
-        "\n".join(head) + "\n" + body, questions, (*found.notes, *trial), is_read
+        "\n".join(head) + "\n" + body,
+        questions,
+        (*found.notes, *found.unmeasured, *trial),
+        is_read,
     )
 
 
@@ -335,6 +338,7 @@ def _log_section(
     for key, group in columns.channels.items():
         if group:
             lines += _group(key, group)
+            lines += _in_amperes(group) if key == "output" else []
         elif key == "position" or (key == "output" and not columns.inputs):
             lines.append(
                 f'  # {key}: "…_{{n}}"                       # one column for each of {listed(_names(mechanism, key))}'
@@ -373,6 +377,19 @@ def _group(key: str, group: Mapping[str, Channel]) -> list[str]:
             f"    {dump_flow({name: _entry(channel)})}"
             for name, channel in group.items()
         ),
+    ]
+
+
+def _in_amperes(group: Mapping[str, Channel]) -> list[str]:
+    """A comment that shows how to state outputs that are currents, where nothing says that they are not."""
+    pattern = _pattern(group)
+    name, channel = next(iter(group.items())) if pattern is None else ("all", pattern)
+    if channel.unit or channel.scale != 1:
+        return []
+    entry = {name: {"column": channel.column, "scale": 1}}
+    return [
+        "  # currents, in A, need the torque per ampere, N·m/A, as a scale (a force per ampere, N/A, of what slides):",
+        f"  # {dump_flow({'output': entry})}",
     ]
 
 

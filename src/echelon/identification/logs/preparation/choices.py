@@ -79,7 +79,7 @@ _REPEATED = 0.7
 
 def chosen(preparation: PreparationEntry, log: Signals) -> Preparation:
     """Settings with every None filled in from the signals, and the reasons."""
-    made = Preparation(**dict(preparation))
+    made = Preparation(**preparation.model_dump())
     for choose in (_measured, _band, with_lowpass, with_still):
         made = choose(log, made)
     return made.model_copy(update={"delays": made.delays or {}})

@@ -20,9 +20,8 @@ from functools import cached_property
 from math import ceil, inf, isfinite
 
 import numpy as np
-from pydantic import Field
 
-from echelon.formats import PreparationEntry
+from echelon.formats import PreparationEntry, optional
 from echelon.identification.logs.columns.column_map import (
     quaternion_columns,
     signal_names,
@@ -61,8 +60,8 @@ from echelon.shared import Flags, Floats, InputError, extra
 class Preparation(PreparationEntry):
     """How a log becomes samples for least squares: the section of a set-up, with what was chosen from the data."""
 
-    reasons: dict[str, str] = Field(
-        {}, description="For settings that were chosen: why, in a sentence."
+    reasons: dict[str, str] = optional(
+        {}, "For settings that were chosen: why, in a sentence."
     )
 
 
