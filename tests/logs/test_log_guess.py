@@ -180,7 +180,7 @@ def test_columns_that_do_not_fit_are_all_listed_with_the_nearest_guesses() -> No
     for part in (
         "log.csv: no position and output columns of double pendulum",
         "ax_0_enkoder … ax_1_enkoder (positions, judging by their values)",
-        "M0 … M1 (outputs by their values)",
+        "M0 … M1 (outputs, judging by their values)",
         "temprature (temperature?)",
         "torqe_9 (output?)",
     ):
