@@ -32,8 +32,6 @@ SECTIONS = BUILD / "sections.json"  # pages of the navigation that are several
 sys.path[:0] = [str(ROOT / "src"), str(ROOT / "site")]
 os.environ["PYTHONPATH"] = str(ROOT / "src")
 
-from pymdownx import slugs  # noqa: E402
-
 import build_explorer  # noqa: E402  needs the path above
 import pictures  # noqa: E402
 from robot_zoo.build import build_zoo  # noqa: E402
@@ -219,7 +217,7 @@ def _write_reference() -> dict[str, Any]:
         if name == "__version__":
             continue
         full = f"{place}.{name}"
-        chosen = next((key for key in pages if _belongs(full, key)), None)
+        chosen = page_of(full)
         if chosen is None:
             sys.exit(f"REFERENCE in site/build.py has no page for {full}")
         pages[chosen].append(f"::: {full}\n")
@@ -232,8 +230,12 @@ def _write_reference() -> dict[str, Any]:
     return {"api": [f"api/{key}.md" for key in pages]}
 
 
-def _belongs(name: str, key: str) -> bool:
-    return re.search(rf"(^echelon\.|\.)(?:{REFERENCE[key][1]})", name) is not None
+def page_of(name: str) -> str | None:
+    """The page of the reference for a public name with its module; None if there is none."""
+    places = REFERENCE.items()
+    return next(
+        (key for key, (_, what) in places if re.search(rf"\.(?:{what})", name)), None
+    )
 
 
 def split_pages(folder: Path) -> dict[str, Any]:
@@ -301,6 +303,8 @@ def _titled(piece: str) -> str:
 
 
 def _anchor(heading: str) -> str:
+    from pymdownx import slugs
+
     slug: str = slugs.slugify(case="lower")(heading.replace("`", ""), "-")
     return slug
 
