@@ -105,7 +105,21 @@ def shown() -> list[Function]:
 @pytest.mark.parametrize("target", TARGETS)
 def test_golden(target: str) -> None:
     subject = Subject("shoulder", pendulum().expressions[:2], {"g": "9.81"})
-    files = printed(shown(), TARGETS[target], Precision.DOUBLE, "shoulder", subject)
+    compare_goldens(
+        printed(shown(), TARGETS[target], Precision.DOUBLE, "shoulder", subject)
+    )
+
+
+def test_golden_of_recursive_least_squares() -> None:
+    matrix = replace(shown()[1], name="regressor")
+    subject = Subject("shoulder", pendulum().expressions[:2], {"g": "9.81"})
+    files = printed(
+        [matrix], TARGETS["c"], Precision.SINGLE, "estimator", subject, estimates=True
+    )
+    compare_goldens(files)
+
+
+def compare_goldens(files: dict[str, str]) -> None:
     for name, text in files.items():
         stable = text.replace(ec.__version__, "VERSION")
         path = GOLDENS / name

@@ -14,12 +14,34 @@ FIT, PSEUDO = "identification/test_physics_fit.py", "inertia/test_spatial.py"
 GAINS, WEIGHT = "identification/test_gains.py", "identification/test_physics_weight.py"
 CRITERIA, GRADIENTS = "excite/test_criteria.py", "excite/test_excite_gradients.py"
 FAMILIES, MARGINS = "excite/test_families.py", "excite/test_verify.py"
+ONLINE = "identification/test_online.py"
 EFFORTS, AUDIT = (
     "excite/test_state_limits.py",
     "claims/test_audit.py claims/test_audit_reading.py",
 )
 
 FAULTS = (
+    Fault(
+        "identification/online.py",
+        "start=np.sqrt(left) * R",
+        "start=left * R",
+        "forgetting twice as fast",
+        ONLINE,
+    ),
+    Fault(
+        "identification/online.py",
+        "table[~seen] = 0.0",
+        "table[~seen] = 1.0",
+        "missing outputs count",
+        ONLINE,
+    ),
+    Fault(
+        "identification/online.py",
+        "self._weights = left * self._weights + weights @ seen",
+        "self._weights = self._weights + weights @ seen",
+        "effective rows do not fade",
+        ONLINE,
+    ),
     Fault(
         "identification/estimators/least_squares.py",
         "solution.triangle.residual ** 2 / solution.degrees",

@@ -21,6 +21,20 @@ CONVERT = "inertia/test_convert.py"
 
 FAULTS = (
     Fault(
+        "compute/tensors.py",
+        "1.0 * convert(value)",
+        "convert(value)",
+        "whole numbers in the place of floating-point ones",
+        "machine/test_tensors.py",
+    ),
+    Fault(
+        "compute/tensors.py",
+        "columns |= {node: array[..., k]",
+        "columns |= {node: array[..., 0]",
+        "every entry is the first one",
+        "machine/test_tensors.py",
+    ),
+    Fault(
         RECURSION,
         "xy - dz, xz + dy]",
         "xy + dz, xz + dy]",
