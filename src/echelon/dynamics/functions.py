@@ -269,24 +269,32 @@ _VECTORS: Mapping[str, tuple[Parts, str, str]] = {
 }
 """Functions with one value for each output: what is recorded, of which arguments, and its meaning."""
 
-_ENERGIES: Mapping[str, tuple[Parts, str, str]] = {
+_BY_COORDINATE: Mapping[str, tuple[Parts, str, str]] = {
     "kinetic_energy": (ControlOutputs.kinetic_energy, "q qd", "kinetic energy"),
     "potential_energy": (
         ControlOutputs.potential_energy,
         "q",
         "potential energy of the weight, up to a constant",
     ),
+    "forward_dynamics": (
+        ControlOutputs.accelerations,
+        "q qd y inputs",
+        "accelerations that outputs y cause",
+    ),
 }
-"""Energies likewise."""
+"""Energies and accelerations likewise, which need the force of every coordinate."""
 
 
 def vector(name: str, recorded: ControlOutputs) -> Function:
-    """Record one of the functions in :data:`_VECTORS` or :data:`_ENERGIES`."""
-    units = tuple(output.unit for output in recorded.mechanism.outputs)
+    """Record one of the functions in :data:`_VECTORS` or :data:`_BY_COORDINATE`."""
     labels = recorded.names
-    if name in _ENERGIES:
+    units = tuple(output.unit for output in recorded.mechanism.outputs)
+    if name in _BY_COORDINATE:
         recorded, labels, units = recorded.by_coordinate(name), (name,), ("J",)
-    parts, arguments, meaning = {**_VECTORS, **_ENERGIES}[name]
+    if name == "forward_dynamics":
+        (moved,) = recorded.arguments.of(["qdd"], [])
+        labels, units = moved.labels, moved.units
+    parts, arguments, meaning = {**_VECTORS, **_BY_COORDINATE}[name]
     entries: dict[Index, Scalar] = {
         (row,): force for row, force in enumerate(parts(recorded))
     }
@@ -316,21 +324,6 @@ def _slopes(
     return made.function(name, entries, axes, arguments, meaning)
 
 
-def forward_dynamics(articulated: bool, recorded: ControlOutputs) -> Function:
-    """Record q̈ from outputs y, the inverse of the inverse dynamics."""
-    recorded = recorded.by_coordinate("forward_dynamics")
-    mechanism = recorded.mechanism
-    found = recorded.accelerations(articulated and recorded.is_open)
-    entries: dict[Index, Scalar] = {(k,): value for k, value in enumerate(found)}
-    axes = (mechanism.independent_velocities,)
-    arguments = "q qd y inputs parameters symbols"
-    meaning = "accelerations that outputs y cause"
-    units = recorded.acceleration_units
-    return recorded.arguments.function(
-        "forward_dynamics", entries, axes, arguments, meaning, units
-    )
-
-
 def forward_dynamics_derivatives(recorded: ControlOutputs) -> Function:
     """Record [∂q̈/∂q, ∂q̈/∂q̇, ∂q̈/∂y] = M⁻¹ [−∂r/∂q, −∂r/∂q̇, T], where r are the forces that the motion needs.
 
@@ -348,7 +341,7 @@ def forward_dynamics_derivatives(recorded: ControlOutputs) -> Function:
         return [Scalar(copy, node) for node in found]
 
     # the derivatives are those at given accelerations, which the forces cause
-    moved = copied(recorded.accelerations(False))
+    moved = copied(recorded.accelerations(articulated=False))
     for name, value in zip(free, moved, strict=True):
         known[program.input(f"qdd[{name}]").node] = value.node
     factor = TipFactor(copy, dict(zip(masses, copied(masses.values()), strict=True)))
@@ -411,16 +404,14 @@ def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     return Function("regressor", forms.program, made, entries, axes, meaning=meaning)
 
 
-def _cheapest(*builds: Callable[[ControlOutputs], Function]) -> Builder:
-    """Record in several ways, with and without sums of angles, and keep what costs least."""
+def _cheapest(build: Callable[[ControlOutputs], Function]) -> Builder:
+    """Record with and without sums of angles, and keep what costs less."""
 
     def builder(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
-        made = (
-            build(ControlOutputs(mechanism, pivots, sums))
-            for sums in (False, True)
-            for build in builds
+        return min(
+            (build(ControlOutputs(mechanism, pivots, sums)) for sums in (False, True)),
+            key=_price,
         )
-        return min(made, key=_price)
 
     return builder
 
@@ -453,10 +444,7 @@ _FUNCTION_PRICE = 25
 """Cost of a sine or cosine in multiplications: in vectorised machine code a pair takes as long as about fifty."""
 
 FUNCTIONS: Mapping[str, Builder] = {
-    **{name: _cheapest(partial(vector, name)) for name in (*_VECTORS, *_ENERGIES)},
-    "forward_dynamics": _cheapest(
-        partial(forward_dynamics, True), partial(forward_dynamics, False)
-    ),
+    **{name: _cheapest(partial(vector, name)) for name in (*_VECTORS, *_BY_COORDINATE)},
     "forward_dynamics_derivatives": _cheapest(forward_dynamics_derivatives),
     "mass_matrix": _cheapest(mass_matrix),
     "inverse_dynamics_derivatives": _cheapest(inverse_dynamics_derivatives),
