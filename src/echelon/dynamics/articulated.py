@@ -24,37 +24,18 @@ from echelon.dynamics.recursion import MASS, ForwardPass, body_wrench
 from echelon.robot import Array, Freedom, RecordedStep, Vec, backward, forward
 
 
-class TipFactor:
-    """A regular matrix that is eliminated from the last row to the first, ready to solve M x = b."""
-
-    def __init__(
-        self, program: Program, matrix: Mapping[tuple[int, ...], Scalar]
-    ) -> None:
-        size = 1 + max((index[0] for index in matrix), default=-1)
-        left = [[matrix[row, column] for column in range(size)] for row in range(size)]
-        self._zero, self._inverse = program.zero, [program.zero] * size
-        self._rows: list[list[Scalar]] = [[]] * size
-        self._columns: list[list[Scalar]] = [[]] * size
-        for k in reversed(range(size)):
-            inverse = self._inverse[k] = 1 / left[k][k]
-            self._rows[k] = [entry * inverse for entry in left[k][:k]]
-            self._columns[k] = [row[k] * inverse for row in left[:k]]
-            for i in range(k):
-                for j in range(k):
-                    # symmetric entries are the same nodes in this order of the factors
-                    left[i][j] = left[i][j] - left[i][k] * left[k][j] * inverse
-
-    def solve(self, right: Sequence[Scalar]) -> list[Scalar]:
-        """The solution x for one right-hand side b."""
-        left = list(right)
-        for k in reversed(range(len(left))):
-            for i, entry in enumerate(self._columns[k]):
-                left[i] = left[i] - entry * left[k]
-        found: list[Scalar] = []
-        for row, inverse, value in zip(self._rows, self._inverse, left, strict=True):
-            terms = (entry * x for entry, x in zip(row, found, strict=True))
-            found.append(value * inverse - sum(terms, self._zero))
-        return found
+def solved(matrix: Array, right: Array) -> Array:
+    """The solution of M X = B for a regular M, eliminated from the last row to the first."""
+    left, right = matrix.copy(), right.copy()
+    for k in reversed(range(len(left))):
+        inverse = 1 / left[k, k]
+        left[k], right[k] = left[k] * inverse, right[k] * inverse
+        for i in range(k):
+            right[i] = right[i] - right[k] * left[i, k]
+            left[i, :k] = left[i, :k] - left[k, :k] * left[i, k]
+    for k in range(1, len(left)):
+        right[k] = right[k] - left[k, :k] @ right[:k]
+    return right
 
 
 def articulated_accelerations(

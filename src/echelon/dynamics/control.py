@@ -16,12 +16,14 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 
+import numpy as np
+
 from echelon.algebra import Scalar, rates
-from echelon.dynamics.articulated import TipFactor, articulated_accelerations
+from echelon.dynamics.articulated import articulated_accelerations, solved
 from echelon.dynamics.linear_forms import energies
 from echelon.dynamics.outputs import Index, RecordedOutputs
 from echelon.dynamics.recursion import efforts
-from echelon.robot import MotionKind, Recorder, VirtualMotion, cross
+from echelon.robot import Array, MotionKind, Recorder, VirtualMotion, cross
 from echelon.shared import InputError
 
 
@@ -169,13 +171,23 @@ class ControlOutputs(RecordedOutputs):
         alone = all(row == column for row, column in rotors)
         if tied or not alone or not articulated:
             pairs = zip(forces, self.inertial(True, "qdd"), strict=True)
-            factor = TipFactor(self.program, self.masses())
-            return factor.solve([force - held for force, held in pairs])
+            rest = [[force - held] for force, held in pairs]
+            found = solved(self.mass_array, np.array(rest, dtype=object))
+            return list(found[:, 0])
         names = self.mechanism.independent_velocities
-        found = articulated_accelerations(
+        caused = articulated_accelerations(
             self._inertias,
             self._motion("qdd"),
             dict(zip(names, forces, strict=True)),
             {names[row]: rotor for (row, _), rotor in rotors.items()},
         )
-        return [found[name] for name in names]
+        return [caused[name] for name in names]
+
+    @property
+    def mass_array(self) -> Array:
+        """The mass matrix, effects included."""
+        size = len(self.mechanism.independent_velocities)
+        found = np.empty((size, size), dtype=object)
+        for index, entry in self.masses().items():
+            found[index] = entry
+        return found

@@ -8,7 +8,7 @@ dependently, and the forces of closures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -29,13 +29,13 @@ from echelon.algebra import (
 )
 from echelon.algebra import recorded as recorded_operation
 from echelon.dynamics.arguments import Arguments, coordinate_units, row_names
-from echelon.dynamics.articulated import TipFactor
+from echelon.dynamics.articulated import solved
 from echelon.dynamics.contact_motion import ContactMotion
 from echelon.dynamics.control import ControlOutputs
 from echelon.dynamics.linear_forms import inverse_dynamics_regressor
 from echelon.dynamics.loop_rows import dependent_motion
 from echelon.dynamics.outputs import RecordedOutputs
-from echelon.robot import Mechanism
+from echelon.robot import Array, Mechanism
 from echelon.shared import InputError
 
 if TYPE_CHECKING:
@@ -331,29 +331,26 @@ def forward_dynamics_derivatives(recorded: ControlOutputs) -> Function:
     """
     recorded = recorded.by_coordinate("forward_dynamics_derivatives")
     mechanism, program, copy = recorded.mechanism, recorded.program, Program()
-    slopes, masses = recorded.state_derivatives(), recorded.masses()
-    free = mechanism.independent_velocities
+    free, width = mechanism.independent_velocities, len(recorded.state)
+    right = np.full((len(free), width + len(mechanism.outputs)), program.zero)
+    for index, slope in recorded.state_derivatives().items():
+        right[index] = -slope
+    for (row, column), rate in recorded.applied.items():
+        right[row, width + column] = rate
     known: dict[int, int] = {}
 
-    def copied(values: Iterable[Scalar]) -> list[Scalar]:
-        nodes = [value.node for value in values]
+    def copied(values: Array) -> Array:
+        nodes = [value.node for value in values.flat]
         found = replayed(program, nodes, copy, known, recorded_operation)
-        return [Scalar(copy, node) for node in found]
+        scalars = [Scalar(copy, node) for node in found]
+        return np.array(scalars, dtype=object).reshape(values.shape)
 
     # the derivatives are those at given accelerations, which the forces cause
-    moved = copied(recorded.accelerations(articulated=False))
+    moved = copied(np.array(recorded.accelerations(articulated=False), dtype=object))
     for name, value in zip(free, moved, strict=True):
         known[program.input(f"qdd[{name}]").node] = value.node
-    factor = TipFactor(copy, dict(zip(masses, copied(masses.values()), strict=True)))
-    rights = {index: -slope for index, slope in slopes.items()}
-    width = len(recorded.state)
-    rights |= {(row, width + k): rate for (row, k), rate in recorded.applied.items()}
-    made = dict(zip(rights, copied(rights.values()), strict=True))
-    entries: dict[Index, Scalar] = {}
-    for column in range(width + len(mechanism.outputs)):
-        right = [made.get((row, column), copy.zero) for row in range(len(free))]
-        for row, value in enumerate(factor.solve(right)):
-            entries[row, column] = value
+    found = solved(copied(recorded.mass_array), copied(right))
+    entries: dict[Index, Scalar] = dict(np.ndenumerate(found))
     driven = tuple(f"y[{name}]" for name in row_names(mechanism))
     return replace(recorded.arguments, program=copy).function(
         "forward_dynamics_derivatives",
