@@ -55,11 +55,9 @@ def low_pass(
         raise InputError(
             f"times has shape {at.shape} and values {signal.shape}; expected (N,) and (N, ...)"
         )
-    if not (np.isfinite(at).all() and np.isfinite(signal).all()):
-        raise InputError("times and values must be finite")
     steps = np.diff(at)
-    if not (steps > 0).all():
-        raise InputError("times must increase from sample to sample")
+    if not (np.isfinite(signal).all() and np.isfinite(at).all() and (steps > 0).all()):
+        raise InputError("times must increase, and all numbers must be finite")
     if not 0 < bandwidth < np.inf:
         raise InputError(f"bandwidth is {bandwidth}; expected rad/s above zero")
     phases = bandwidth * steps

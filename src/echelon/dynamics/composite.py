@@ -357,7 +357,7 @@ class _InwardSweep:
         pseudo, step = inertia_before(transform, subtree.pseudo), transform.step
         wrench = self._wrench_before(transform, subtree.wrench)
         spread, momentum = (
-            rotated_spread(transform, subtree.spread),
+            _rotated_spread(transform, subtree.spread),
             _back(transform, subtree.momentum),
         )
         if step.shift is not None:
@@ -431,8 +431,7 @@ def _back(transform: Transform, v: Vec) -> Vec:
     return v if transform.step.rotation is None else apply(transform.step.rotation, v)
 
 
-def rotated_spread(transform: Transform, spread: Array) -> Array:
-    """A matrix of shape (3, 3) in the axes of the frame before a step."""
+def _rotated_spread(transform: Transform, spread: Array) -> Array:
     if transform.step.rotation is None:
         return spread
     matrix = np.array(transform.step.rotation, dtype=object)

@@ -16,13 +16,14 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 
+import numpy as np
+
 from echelon.algebra import Scalar, rates
-from echelon.dynamics.arguments import coordinate_units
-from echelon.dynamics.articulated import TipFactor, articulated_accelerations
+from echelon.dynamics.articulated import articulated_accelerations, solved
 from echelon.dynamics.linear_forms import energies
 from echelon.dynamics.outputs import Index, RecordedOutputs
 from echelon.dynamics.recursion import efforts
-from echelon.robot import MotionKind, Recorder, VirtualMotion, cross
+from echelon.robot import Array, MotionKind, Recorder, VirtualMotion, cross
 from echelon.shared import InputError
 
 
@@ -120,16 +121,12 @@ class ControlOutputs(RecordedOutputs):
         """Outputs less the rate of the momentum, one for each row; accelerations do not matter."""
         moved = self._recorder().position_rates(self._speeds("qd"))
         nodes = [p.node for p in self.momentum()]
-        changes = rates(self.program, nodes, moved) if moved else []
-        return [
-            force - change
-            for force, change in zip(self.still_forces(), changes, strict=True)
-        ]
-
-    def still_forces(self) -> list[Scalar]:
-        """Forces and effects while independent accelerations are zero, one for each row."""
-        both = zip(self.inertial(True, "qdd"), self.effects("qdd"), strict=True)
-        return [a + b for a, b in both]
+        parts = (
+            self.inertial(True, "qdd"),
+            self.effects("qdd"),
+            rates(self.program, nodes, moved),
+        )
+        return [a + b - change for a, b, change in zip(*parts, strict=True)]
 
     def kinetic_energy(self) -> list[Scalar]:
         """q̇ᵀ M q̇ / 2, of rows by coordinate."""
@@ -162,42 +159,35 @@ class ControlOutputs(RecordedOutputs):
                     found[row, column] = motion.drives[force.at]
         return found
 
-    def accelerations(self, articulated: bool) -> list[Scalar]:
-        """Accelerations that the outputs cause, by articulated bodies or by the mass matrix."""
+    def accelerations(self, *, articulated: bool = True) -> list[Scalar]:
+        """Accelerations that the outputs cause: of trees by articulated bodies, if wanted, else by the mass matrix."""
         outputs = self.mechanism.outputs
         given = [self.program.input(f"y[{output.name}]") for output in outputs]
-        driven = [self.program.zero for _ in self._motions]
+        forces = [-effect for effect in self.effects("qdd")]
         for (row, column), rate in self.applied.items():
-            driven[row] = driven[row] + rate * given[column]
-        if not articulated:
-            pairs = zip(driven, self.still_forces(), strict=True)
-            factor = TipFactor(self.program, self.masses())
-            return factor.solve([a - b for a, b in pairs])
-        names = self.mechanism.independent_velocities
-        pairs = zip(driven, self.effects("qdd"), strict=True)
-        forces = {n: a - b for n, (a, b) in zip(names, pairs, strict=True)}
-        rotors = {names[k]: slope for (k, _), slope in self.effect_inertia().items()}
-        found = articulated_accelerations(
-            self._inertias, self._motion("qdd"), forces, rotors
-        )
-        return [found[name] for name in names]
-
-    def inertial_mass(self) -> dict[Index, Scalar]:
-        """Derivatives of the inertial forces by the accelerations; of coordinates, the same node on both sides."""
-        entries = super().inertial_mass()
-        if not self._by_coordinate:
-            return entries
-        return {(i, j): entries[max(i, j), min(i, j)] for i, j in entries}
-
-    @property
-    def is_open(self) -> bool:
-        """Whether bodies can be articulated one by one: no coordinate follows others, and rotors belong to joints."""
+            forces[row] = forces[row] + rate * given[column]
+        rotors = self.effect_inertia()
         tied = self.mechanism.couplings or self.mechanism.closures
-        return not tied and all(i == j for i, j in self.effect_inertia())
+        alone = all(row == column for row, column in rotors)
+        if tied or not alone or not articulated:
+            pairs = zip(forces, self.inertial(True, "qdd"), strict=True)
+            rest = [[force - held] for force, held in pairs]
+            found = solved(self.mass_array, np.array(rest, dtype=object))
+            return list(found[:, 0])
+        names = self.mechanism.independent_velocities
+        caused = articulated_accelerations(
+            self._inertias,
+            self._motion("qdd"),
+            dict(zip(names, forces, strict=True)),
+            {names[row]: rotor for (row, _), rotor in rotors.items()},
+        )
+        return [caused[name] for name in names]
 
     @property
-    def acceleration_units(self) -> tuple[str, ...]:
-        """SI units of the accelerations."""
-        names = self.mechanism.velocities
-        units = dict(zip(names, coordinate_units(self.mechanism, "qdd"), strict=True))
-        return tuple(units[name] for name in self.mechanism.independent_velocities)
+    def mass_array(self) -> Array:
+        """The mass matrix, effects included."""
+        size = len(self.mechanism.independent_velocities)
+        found = np.empty((size, size), dtype=object)
+        for index, entry in self.masses().items():
+            found[index] = entry
+        return found

@@ -8,7 +8,7 @@ dependently, and the forces of closures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -29,13 +29,13 @@ from echelon.algebra import (
 )
 from echelon.algebra import recorded as recorded_operation
 from echelon.dynamics.arguments import Arguments, coordinate_units, row_names
-from echelon.dynamics.articulated import TipFactor
+from echelon.dynamics.articulated import solved
 from echelon.dynamics.contact_motion import ContactMotion
 from echelon.dynamics.control import ControlOutputs
 from echelon.dynamics.linear_forms import inverse_dynamics_regressor
 from echelon.dynamics.loop_rows import dependent_motion
 from echelon.dynamics.outputs import RecordedOutputs
-from echelon.robot import Mechanism
+from echelon.robot import Array, Mechanism
 from echelon.shared import InputError
 
 if TYPE_CHECKING:
@@ -269,24 +269,32 @@ _VECTORS: Mapping[str, tuple[Parts, str, str]] = {
 }
 """Functions with one value for each output: what is recorded, of which arguments, and its meaning."""
 
-_ENERGIES: Mapping[str, tuple[Parts, str, str]] = {
+_BY_COORDINATE: Mapping[str, tuple[Parts, str, str]] = {
     "kinetic_energy": (ControlOutputs.kinetic_energy, "q qd", "kinetic energy"),
     "potential_energy": (
         ControlOutputs.potential_energy,
         "q",
         "potential energy of the weight, up to a constant",
     ),
+    "forward_dynamics": (
+        ControlOutputs.accelerations,
+        "q qd y inputs",
+        "accelerations that outputs y cause",
+    ),
 }
-"""Energies likewise."""
+"""Energies and accelerations likewise, which need the force of every coordinate."""
 
 
 def vector(name: str, recorded: ControlOutputs) -> Function:
-    """Record one of the functions in :data:`_VECTORS` or :data:`_ENERGIES`."""
-    units = tuple(output.unit for output in recorded.mechanism.outputs)
+    """Record one of the functions in :data:`_VECTORS` or :data:`_BY_COORDINATE`."""
     labels = recorded.names
-    if name in _ENERGIES:
+    units = tuple(output.unit for output in recorded.mechanism.outputs)
+    if name in _BY_COORDINATE:
         recorded, labels, units = recorded.by_coordinate(name), (name,), ("J",)
-    parts, arguments, meaning = {**_VECTORS, **_ENERGIES}[name]
+    if name == "forward_dynamics":
+        (moved,) = recorded.arguments.of(["qdd"], [])
+        labels, units = moved.labels, moved.units
+    parts, arguments, meaning = {**_VECTORS, **_BY_COORDINATE}[name]
     entries: dict[Index, Scalar] = {
         (row,): force for row, force in enumerate(parts(recorded))
     }
@@ -316,21 +324,6 @@ def _slopes(
     return made.function(name, entries, axes, arguments, meaning)
 
 
-def forward_dynamics(articulated: bool, recorded: ControlOutputs) -> Function:
-    """Record q̈ from outputs y, the inverse of the inverse dynamics."""
-    recorded = recorded.by_coordinate("forward_dynamics")
-    mechanism = recorded.mechanism
-    found = recorded.accelerations(articulated and recorded.is_open)
-    entries: dict[Index, Scalar] = {(k,): value for k, value in enumerate(found)}
-    axes = (mechanism.independent_velocities,)
-    arguments = "q qd y inputs parameters symbols"
-    meaning = "accelerations that outputs y cause"
-    units = recorded.acceleration_units
-    return recorded.arguments.function(
-        "forward_dynamics", entries, axes, arguments, meaning, units
-    )
-
-
 def forward_dynamics_derivatives(recorded: ControlOutputs) -> Function:
     """Record [∂q̈/∂q, ∂q̈/∂q̇, ∂q̈/∂y] = M⁻¹ [−∂r/∂q, −∂r/∂q̇, T], where r are the forces that the motion needs.
 
@@ -338,29 +331,26 @@ def forward_dynamics_derivatives(recorded: ControlOutputs) -> Function:
     """
     recorded = recorded.by_coordinate("forward_dynamics_derivatives")
     mechanism, program, copy = recorded.mechanism, recorded.program, Program()
-    slopes, masses = recorded.state_derivatives(), recorded.masses()
-    free = mechanism.independent_velocities
+    free, width = mechanism.independent_velocities, len(recorded.state)
+    right = np.full((len(free), width + len(mechanism.outputs)), program.zero)
+    for index, slope in recorded.state_derivatives().items():
+        right[index] = -slope
+    for (row, column), rate in recorded.applied.items():
+        right[row, width + column] = rate
     known: dict[int, int] = {}
 
-    def copied(values: Iterable[Scalar]) -> list[Scalar]:
-        nodes = [value.node for value in values]
+    def copied(values: Array) -> Array:
+        nodes = [value.node for value in values.flat]
         found = replayed(program, nodes, copy, known, recorded_operation)
-        return [Scalar(copy, node) for node in found]
+        scalars = [Scalar(copy, node) for node in found]
+        return np.array(scalars, dtype=object).reshape(values.shape)
 
     # the derivatives are those at given accelerations, which the forces cause
-    moved = copied(recorded.accelerations(False))
+    moved = copied(np.array(recorded.accelerations(articulated=False), dtype=object))
     for name, value in zip(free, moved, strict=True):
         known[program.input(f"qdd[{name}]").node] = value.node
-    factor = TipFactor(copy, dict(zip(masses, copied(masses.values()), strict=True)))
-    rights = {index: -slope for index, slope in slopes.items()}
-    width = len(recorded.state)
-    rights |= {(row, width + k): rate for (row, k), rate in recorded.applied.items()}
-    made = dict(zip(rights, copied(rights.values()), strict=True))
-    entries: dict[Index, Scalar] = {}
-    for column in range(width + len(mechanism.outputs)):
-        right = [made.get((row, column), copy.zero) for row in range(len(free))]
-        for row, value in enumerate(factor.solve(right)):
-            entries[row, column] = value
+    found = solved(copied(recorded.mass_array), copied(right))
+    entries: dict[Index, Scalar] = dict(np.ndenumerate(found))
     driven = tuple(f"y[{name}]" for name in row_names(mechanism))
     return replace(recorded.arguments, program=copy).function(
         "forward_dynamics_derivatives",
@@ -411,16 +401,14 @@ def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     return Function("regressor", forms.program, made, entries, axes, meaning=meaning)
 
 
-def _cheapest(*builds: Callable[[ControlOutputs], Function]) -> Builder:
-    """Record in several ways, with and without sums of angles, and keep what costs least."""
+def _cheapest(build: Callable[[ControlOutputs], Function]) -> Builder:
+    """Record with and without sums of angles, and keep what costs less."""
 
     def builder(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
-        made = (
-            build(ControlOutputs(mechanism, pivots, sums))
-            for sums in (False, True)
-            for build in builds
+        return min(
+            (build(ControlOutputs(mechanism, pivots, sums)) for sums in (False, True)),
+            key=_price,
         )
-        return min(made, key=_price)
 
     return builder
 
@@ -453,10 +441,7 @@ _FUNCTION_PRICE = 25
 """Cost of a sine or cosine in multiplications: in vectorised machine code a pair takes as long as about fifty."""
 
 FUNCTIONS: Mapping[str, Builder] = {
-    **{name: _cheapest(partial(vector, name)) for name in (*_VECTORS, *_ENERGIES)},
-    "forward_dynamics": _cheapest(
-        partial(forward_dynamics, True), partial(forward_dynamics, False)
-    ),
+    **{name: _cheapest(partial(vector, name)) for name in (*_VECTORS, *_BY_COORDINATE)},
     "forward_dynamics_derivatives": _cheapest(forward_dynamics_derivatives),
     "mass_matrix": _cheapest(mass_matrix),
     "inverse_dynamics_derivatives": _cheapest(inverse_dynamics_derivatives),
