@@ -33,7 +33,7 @@ from echelon.shared import Floats, InputError, listed
 
 PARALLEL = 1e-6
 """Sine of an angle, or distance of axes in m, that counts as zero."""
-_ALIKE = 1e-9
+_ALIKE = 1e-12
 """Weight of the identity beside axes when two bases are laid over one another: it decides what they leave open."""
 _POSES = 4
 """Random poses in which all frames are compared: a coupling or a loop that differs shows in almost every one."""
@@ -148,6 +148,14 @@ class ZeroPose:
         """Motions that start from what another one moves."""
         return [k for k, parent in enumerate(self.parents) if parent == node]
 
+    def before(self, node: int) -> list[int]:
+        """A motion, and those that move it, the nearest first."""
+        found = list[int]()
+        while node != GROUND:
+            found.append(node)
+            node = self.parents[node]
+        return found
+
     def axis(self, node: int, place: Floats) -> JointAxis:
         """The axis of a motion in a base frame that stands somewhere; of a ball, the first of its three."""
         direction, moment = _moved(place, self.screws[node])[0].reshape(2, 3)
@@ -260,17 +268,21 @@ def correspondences(
     ours, theirs = ZeroPose(first), ZeroPose(second)
     pairs = _paired(first, second, ours, theirs)
     limits = {"rad": angle, "m": length, "m/rad": length}
+    turns = [np.eye(3)]
+    if pairs:
+        turns += _base_turns(ours, theirs, pairs, pulls)
     starts = []
-    for place in _base_moves(ours, theirs, pairs, pulls):
-        turned = place[:3, :3] @ pulls[0]
-        apart = float(np.linalg.norm(turned - pulls[1]))
-        differs = apart > angle * max(float(np.linalg.norm(turned)), 1.0)
-        tilt = [GeometryDifference("base", "gravity", apart, "m/s²")] * differs
-        start = {GROUND: place}
-        starts.append(
-            _Explanation(ours, theirs, limits, same_positions, start, tuple(tilt))
-        )
-    found = {}
+    for k, turn in enumerate(turns):
+        place = np.eye(4)
+        place[:3, :3] = turn
+        apart = float(np.linalg.norm(turn @ pulls[0] - pulls[1]))
+        tilted = apart > angle * max(float(np.linalg.norm(pulls[0])), 1.0)
+        tilt = [GeometryDifference("base", "gravity", apart, "m/s²")] * tilted
+        # the base as it stands, or shifted by what axes ask for
+        free = np.eye(3)[:, : 3 if k else 0]
+        start = {GROUND: place}, tuple(tilt), free
+        starts.append(_Explanation(ours, theirs, limits, same_positions, *start))
+    found = dict[str, Correspondence]()
     for best in _simplest(starts, pairs):
         same = Correspondence(
             ours,
@@ -360,43 +372,33 @@ def _unlike(
     return ours.motions[i].name != theirs.motions[j].name, other_shape, apart
 
 
-def _base_moves(
+def _base_turns(
     ours: ZeroPose,
     theirs: ZeroPose,
     pairs: Sequence[tuple[int, int]],
     pulls: tuple[Floats, Floats],
 ) -> Iterator[Floats]:
-    """Movements of the first base that may lay its axes over the second's: none, by the first axis, by all."""
-    found = [np.eye(4)]
-    if pairs:
-        one = [ours.screws[i] for i, _ in pairs]
-        two = [theirs.screws[j] for _, j in pairs]
-        found += [_laid_over(one[0], sign * two[0], pulls) for sign in (1, -1)]
-        found.append(_laid_over(np.vstack(one), np.vstack(two), pulls))
-    for k, place in enumerate(found):
-        if not any(np.allclose(place, other) for other in found[:k]):
-            yield place
+    """Turns of the first base that may lay its axes over the second's: by the first axis, either way, and by all."""
+    one = [_directions(ours.screws[i]) for i, _ in pairs]
+    two = [_directions(theirs.screws[j]) for _, j in pairs]
+    for sign in (1, -1):
+        yield _least_turn(one[0], sign * two[0], pulls)
+    yield _least_turn(np.vstack(one), np.vstack(two), pulls)
 
 
-def _laid_over(one: Floats, two: Floats, pulls: tuple[Floats, Floats]) -> Floats:
-    """The least movement that lays screws over others, in least squares; gravity decides what parallel axes leave."""
-    turns = np.linalg.norm(one[:, :3], axis=1) > 0.5
-    directions = [np.where(turns[:, None], s[:, :3], s[:, 3:]) for s in (one, two)]
-    gathered = directions[1].T @ directions[0] + _ALIKE * np.eye(3)
-    left, sizes, right = np.linalg.svd(gathered)
-    rotation = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+def _directions(screws: Floats) -> Floats:
+    """Directions of screws (n, 6)."""
+    turns = np.linalg.norm(screws[:, :3], axis=1, keepdims=True) > 0.5
+    return np.where(turns, screws[:, :3], screws[:, 3:])
+
+
+def _least_turn(one: Floats, two: Floats, pulls: tuple[Floats, Floats]) -> Floats:
+    """The least turn that lays directions over others, in least squares; gravity decides what parallel ones leave."""
+    left, sizes, right = np.linalg.svd(two.T @ one + _ALIKE * np.eye(3))
+    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
     if sizes[1] < PARALLEL * sizes[0]:
-        axis = directions[1][0]
-        angle = _angle(axis, rotation @ pulls[0], pulls[1])
-        rotation = turn_about(axis, angle) @ rotation
-    place = np.eye(4)
-    place[:3, :3] = rotation
-    turned = _moved(place, one[turns])
-    # t × ω = the difference of the moments
-    rows = [np.zeros((0, 3)), *(np.cross(np.eye(3), s[:3]).T for s in turned)]
-    rest = (two[turns] - turned)[:, 3:].ravel()
-    place[:3, 3] = np.linalg.lstsq(np.vstack(rows), rest, rcond=_ALIKE)[0]
-    return place
+        turn = turn_about(two[0], _angle(two[0], turn @ pulls[0], pulls[1])) @ turn
+    return np.asarray(turn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,7 +410,8 @@ class _Explanation:
     limits: Mapping[str, float]  # of differences that count as none, by unit
     same_positions: bool  # whether another zero or direction counts
     moves: Mapping[int, Floats]
-    found: tuple[GeometryDifference, ...] = ()
+    found: tuple[GeometryDifference, ...]
+    free: Floats  # directions along which the base may still be shifted, shape (3, k)
     zeros: Mapping[int, float] = field(default_factory=dict)
     settled: frozenset[int] = frozenset()  # motions whose zero one behind has shown
     deviation: float = 0.0
@@ -424,41 +427,66 @@ class _Explanation:
 
     def steps(self, i: int, j: int) -> Iterator[_Explanation]:
         """Explanations that compare one motion more with its counterpart."""
-        parent = self.ours.parents[i]
-        settled, amounts = self, list[float]()
-        if self._open(parent):
-            before = self.ours.axis(parent, self.moves[parent])
-            child = self.ours.axis(i, self.moves[parent])
-            amounts = before.amounts(child, self.theirs.axis(j, np.eye(4)))
-        if amounts:
-            settled = replace(self, settled=self.settled | {parent})
-        yield settled._compared(i, j)
-        for amount in amounts:
-            if abs(amount) > self.limits["rad" if before.turns else "m"]:
-                turned = settled._with_zero(parent, before, amount)._compared(i, j)
-                if turned.cost[:2] == self.cost[:2]:
-                    yield turned
+        shown = [node for node in self._open(i) if self._amounts(node, i, j)]
+        found = [replace(self, settled=self.settled.union(shown))]
+        for node in shown:
+            for one in list(found):
+                found += one._with_zeros(node, i, j)
+        for k, one in enumerate(found):
+            compared = one._shifted(i, j)._compared(i, j)
+            if k == 0 or compared.cost[:2] == self.cost[:2]:
+                yield compared
 
-    def _open(self, node: int) -> bool:
-        """Whether a motion may have another zero."""
-        if node == GROUND or node in self.settled:
-            return False
-        kinds = MotionKind.ROTATION, MotionKind.TRANSLATION
-        return self.ours.motions[node].kind in kinds
+    def _open(self, i: int) -> list[int]:
+        """Motions before one that may have another zero: those that turn first, since they decide directions."""
+        free = [k for k in self.ours.before(i)[1:] if k not in self.settled]
+        kinds = [self.ours.motions[k].kind for k in free]
+        return [
+            k
+            for wanted in (MotionKind.ROTATION, MotionKind.TRANSLATION)
+            for k, kind in zip(free, kinds, strict=True)
+            if kind is wanted
+        ]
 
-    def _with_zero(self, node: int, axis: JointAxis, amount: float) -> _Explanation:
-        """The explanation with another zero of a motion, which moves all that hangs on it."""
-        move = axis.moved_by(amount)
-        behind = {node, *self.ours.children(node)} & self.moves.keys()
-        moves = {k: move @ self.moves[k] for k in behind}
+    def _amounts(self, node: int, i: int, j: int) -> list[float]:
+        """Displacements of a motion that may bring the axis of one behind it into place."""
+        axis = self.ours.axis(node, self.moves[node])
+        child = self.ours.axis(i, self.moves[self.ours.parents[i]])
+        return axis.amounts(child, self.theirs.axis(j, np.eye(4)))
+
+    def _with_zeros(self, node: int, i: int, j: int) -> Iterator[_Explanation]:
+        """The explanation with other zeros of a motion, which move all that hangs on it."""
+        axis = self.ours.axis(node, self.moves[node])
         unit = "rad" if axis.turns else "m"
         name = self.ours.motions[node].name
-        return replace(
-            self,
-            moves={**self.moves, **moves},
-            zeros={**self.zeros, node: amount},
-            found=(*self.found, GeometryDifference(name, "zero", abs(amount), unit)),
-        )
+        for amount in self._amounts(node, i, j):
+            if abs(amount) > self.limits[unit]:
+                move = axis.moved_by(amount)
+                behind = [k for k in self.moves if node in self.ours.before(k)]
+                moves = {k: move @ self.moves[k] for k in behind}
+                zero = GeometryDifference(name, "zero", abs(amount), unit)
+                yield replace(
+                    self,
+                    moves={**self.moves, **moves},
+                    zeros={**self.zeros, node: amount},
+                    found=(*self.found, zero),
+                )
+
+    def _shifted(self, i: int, j: int) -> _Explanation:
+        """The explanation with the base shifted, as far as it is free, so that an axis comes into place."""
+        one = self.ours.axis(i, self.moves[self.ours.parents[i]])
+        two = self.theirs.axis(j, np.eye(4))
+        if not one.turns or not self.free.size:
+            return self
+        across = np.eye(3) - np.outer(two.direction, two.direction)
+        _, sizes, axes = np.linalg.svd(across @ self.free)
+        seen = sizes > PARALLEL
+        gap = across @ (two.point - one.point)
+        steps = np.linalg.lstsq(across @ self.free, gap, rcond=PARALLEL)[0]
+        move = np.eye(4)
+        move[:3, 3] = self.free @ steps
+        moves = {k: move @ place for k, place in self.moves.items()}
+        return replace(self, moves=moves, free=self.free @ axes[~seen].T)
 
     def _compared(self, i: int, j: int) -> _Explanation:
         """The explanation with the differences of one motion more."""
