@@ -53,6 +53,8 @@ from echelon.excite.problem.prior_model import (
     information_of_logs as information_of_logs,
 )
 from echelon.excite.problem.trajectory import Trajectory as Trajectory
+from echelon.excite.sampled_rank import SampledRank as SampledRank
+from echelon.excite.sampled_rank import sampled_rank as sampled_rank
 from echelon.formats.linear_models import load_linear as load_linear
 from echelon.formats.robot_file import load as load
 from echelon.identification.estimators.estimate import Estimate as Estimate

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from echelon.algebra import random_generator
 from echelon.base import (
@@ -38,6 +38,9 @@ from echelon.dynamics import LinearModel
 from echelon.formats import load, load_model
 from echelon.robot import Assembled, Mechanism, all_symbols
 from echelon.shared import InputError, one_line
+
+if TYPE_CHECKING:
+    from echelon.excite import SampledRank
 
 
 def run_derive(
@@ -302,18 +305,31 @@ def run_sensors(
     """Print what sensors see, alone and in subsets up to a size."""
     title = f"comparing the sensors of {file.name}"
     with steps(f"{title}: reading, and closing loops") as step:
+        robot = load(file, **read)
         report = sensor_report(
-            load(file, **read),
+            robot,
             size,
             seed=seed,
             budget=budget,
             progress=lambda phase: step(f"{title}: {phase}"),
         )
-    deliver(_sensors_json(report) if as_json else _sensors_text(report), None)
+        driven = None
+        if robot.reading is not None and robot.reading.file.motions:
+            from echelon.excite import sampled_rank
+
+            step(f"{title}: rows of the motions that were driven")
+            driven = sampled_rank(robot, seed=seed)
+    if as_json:
+        deliver(_sensors_json(report, driven), None)
+    else:
+        motion = [] if driven is None else ["", f"driven: {driven.to_text()}"]
+        deliver("\n".join([_sensors_text(report).rstrip(), *motion]) + "\n", None)
 
 
-def _sensors_json(report: SensorReport) -> str:
+def _sensors_json(report: SensorReport, driven: SampledRank | None) -> str:
     record = asdict(report) | {"schema": "echelon.sensors/1"}
+    if driven is not None:
+        record["driven"] = driven.to_dict()
     record["ranks"] = [
         {"sensors": list(subset), "rank": rank} for subset, rank in report.ranks.items()
     ]

@@ -23,6 +23,8 @@ from echelon.excite.problem.task import ResolvedLimits as ResolvedLimits
 from echelon.excite.problem.task import changed as changed
 from echelon.excite.problem.task import resolved_limits as resolved_limits
 from echelon.excite.problem.task import task_of as task_of
+from echelon.excite.sampled_rank import SampledRank as SampledRank
+from echelon.excite.sampled_rank import sampled_rank as sampled_rank
 from echelon.excite.verify import ACTIVE as ACTIVE
 from echelon.excite.verify import SAMPLES_PER_PERIOD as SAMPLES_PER_PERIOD
 from echelon.excite.verify import Margin as Margin

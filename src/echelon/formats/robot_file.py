@@ -231,6 +231,14 @@ class RobotFile:
         with locating(self.source):
             return joined([Experiment(mechanism, **entry) for entry in entries])
 
+    @property
+    def motions(self) -> dict[str, Path]:
+        """Tables of motions that were driven, by experiment."""
+        stated = self.description.experiments if self.is_description else ()
+        motions = {e.name: e.motion for e in stated if not isinstance(e, str)}
+        folder = Path(self.source).parent
+        return {name: folder / path for name, path in motions.items() if path}
+
     def _asked(self) -> list[str]:
         """A note on what is ignored on request."""
         ignored = () if self.robot is None else self.robot.ignored
