@@ -44,6 +44,8 @@ from echelon.comparison.result import Equality as Equality
 from echelon.compute.observe.observation import NormalEquations as NormalEquations
 from echelon.compute.observe.observation import Observation as Observation
 from echelon.dynamics.models import LinearModel as LinearModel
+from echelon.excite.driven import SampledRank as SampledRank
+from echelon.excite.driven import sampled_rank as sampled_rank
 from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory
 from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory
@@ -53,8 +55,6 @@ from echelon.excite.problem.prior_model import (
     information_of_logs as information_of_logs,
 )
 from echelon.excite.problem.trajectory import Trajectory as Trajectory
-from echelon.excite.sampled_rank import SampledRank as SampledRank
-from echelon.excite.sampled_rank import sampled_rank as sampled_rank
 from echelon.formats.linear_models import load_linear as load_linear
 from echelon.formats.robot_file import load as load
 from echelon.identification.estimators.estimate import Estimate as Estimate

@@ -1,5 +1,7 @@
 """Names that other rooms may use, and where each is defined."""
 
+from echelon.excite.driven import SampledRank as SampledRank
+from echelon.excite.driven import sampled_rank as sampled_rank
 from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory
 from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory
@@ -23,8 +25,6 @@ from echelon.excite.problem.task import ResolvedLimits as ResolvedLimits
 from echelon.excite.problem.task import changed as changed
 from echelon.excite.problem.task import resolved_limits as resolved_limits
 from echelon.excite.problem.task import task_of as task_of
-from echelon.excite.sampled_rank import SampledRank as SampledRank
-from echelon.excite.sampled_rank import sampled_rank as sampled_rank
 from echelon.excite.verify import ACTIVE as ACTIVE
 from echelon.excite.verify import SAMPLES_PER_PERIOD as SAMPLES_PER_PERIOD
 from echelon.excite.verify import Margin as Margin

@@ -43,8 +43,8 @@ BLOCK = 4096
 DRAWS = 3
 """Random roundings: the size of one alone may be small by chance where samples are few."""
 MARGIN = 2.0
-"""Ratio to the largest drawn rounding from which a singular value is seen for certain: the rounding of the log is another
-draw of that size."""
+"""Ratio to the largest drawn rounding from which a singular value is seen for certain: a log has another draw of
+that size."""
 MOST_DECIMALS = 14
 """Decimals up to which numbers of a file count as rounded: doubles near 1 have not many more."""
 _TERMS, _WEAKEST = 4, 3
@@ -199,8 +199,9 @@ def sampled_rank(
     if isinstance(robot, BaseModel):
         base, driven_robot = robot, robot.mechanism
     else:
-        several = isinstance(robot, list | tuple)
-        driven_robot = joined(robot) if several else mechanism_of(robot)
+        if isinstance(robot, list | tuple):
+            robot = joined(robot)
+        driven_robot = mechanism_of(robot)
         base = base_of(driven_robot)
     rng = random_generator(seed)
     R, errors, samples = np.zeros((0, base.rank)), [np.zeros((0, base.rank))] * DRAWS, 0
