@@ -11,7 +11,7 @@ from fractions import Fraction
 from operator import add, mul, neg, sub, truediv
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv, ast.USub: neg, ast.Pow: pow}
 KEYS = "schema echelon name seed rank outputs parameters order base classification reading special generic certificate model"
-MODEL = "echelon name symbols gravity couplings actuators effects outputs bodies experiments"
+MODEL = "echelon name symbols gravity couplings actuators effects outputs bodies experiments contacts"
 RANDOM, STATE, ONE = secrets.SystemRandom(), ("q", "qd", "qdd"), [[int(i == j) for j in range(4)] for i in range(4)]
 PRIMES, ROOT_OF_1, PARTS_OF_RADIAN = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41), 2 * math.lcm(*range(1, 21), 1000), 10**24
 NUMBER, CIRCULAR, ANY = r"[0-9.]{1,4000}(e[-+]?[0-9]{1,2})?", r"(cos|sin)\((?:([0-9]{1,9})\*)?(\w+)\)", RANDOM.randrange(2**64)
@@ -21,6 +21,7 @@ MOMENTS |= {"M" + a: {(i, 3): 2, (3, i): 2} for i, a in enumerate("XYZ")}
 POINT, AXIS, TURN = [(0, 3), (1, 3), (2, 3)], [(0, 2), (1, 2), (2, 2)], [(i, j) for i in range(3) for j in range(3)]
 CLOSURES = {"weld": TURN + POINT, "revolute": AXIS + POINT, "prismatic": TURN + POINT[:2], "cylindrical": AXIS + POINT[:2], "spherical":
             POINT, "planar": AXIS + POINT[2:], "universal": [(0, 1), *POINT], "point_on_axis": POINT[:2], "point_on_plane": POINT[2:]}
+HELD = {"point": "", "line": "yz", "surface": "xyz", "rolling": ""}  # axes about which a contact does not turn
 DIGITS, HUGE, CLOSED, ZERO, LEFT, FALSE, SMALL, NEAR = 150, 10**20, *map(Decimal, ("1e-130", "1e-80", "1e-60", "1e-40", "1e-6", "0.1"))
 
 def fail(error): raise error
@@ -63,6 +64,11 @@ class Robot:
         self.parameters = [*unique([(n, 0) for n in [*names.values(), *(e["parameter"] for e in model.get("effects", []))]])]
         self.gravity = {"none": ["0"] * 3, "generic": ["gx", "gy", "gz"]}.get(str(model["gravity"]), model["gravity"])
         steps = [step for body in model["bodies"] for step in only(body["joint"], "type kind name steps")["steps"]]
+        self.contacts, self.down = model.get("contacts", []), [0] * 3  # down is known where gravity is along an axis
+        if "rolling" in [c["type"] for c in self.contacts]:
+            pull = [evaluate(g, lambda _: cover(False, "what rolls under gravity with symbols")) for g in self.gravity]
+            cover(sum(map(bool, pull)) == 1, "what rolls under oblique gravity")
+            self.down = [(g > 0) - (g < 0) for g in pull]
         motions = self.motions = unique([(step["name"], step["motion"]) for step in steps if "motion" in step])
         followers, actuators = unique([x for entry in model.get("couplings", []) for x in entry.items()]), model.get("actuators", {})
         axes = {n: [f"{n}.{c}" for c in "xyz"] if kind == "ball" else [n] for n, kind in motions.items() if n not in followers}
@@ -172,10 +178,34 @@ class Robot:
         K, T = matrix([*turn, 0, 0, 0]), matrix([0, 0, 0, *slide])
         return [[a + s * b + (1 - c) * bb + at * d for a, b, bb, d in zip(*rows, strict=True)]
                 for rows in zip(ONE, K, self.times(K, K), T, strict=True)], twists
-    def draw(self):  # a random state
+    def draw(self):  # a random state in which no contact slips
         self.angles |= {("joint", x): self.random() for x in self.free}
         self.balls = {name: [1, *(self.random() for _ in "xyz")] for name in self.motions}
-        self.moves = self.follow(self.base | {x: self.base[x] | {kind: self.random() for kind in STATE} for x in self.free})
+        state = {x: {kind: self.random() for kind in STATE} for x in self.free}
+        for n, kind in [*enumerate(STATE)][1:] if self.contacts else ():
+            alone = {x: {x: 1} | {k: state[x][k] for k in STATE[:n]} for x in self.free}
+            self.moves, leads = self.follow(alone | {sensor: {} for sensor in self.sensed}), {}
+            self.know()
+            for _, slip in self.slips(self.poses()): self.extend(leads, slip, self.free)
+            for k, way in [(k, self.remains({k: 1}, leads)) for k in leads]:
+                state[k][kind] = sum(y * (1 if x is None else state[x][kind]) for x, y in way.items()) % self.p
+        self.moves = self.follow(self.base | {x: self.base[x] | state[x] for x in self.free})
+    def know(self):  # the state, for slides and effects
+        self.known |= {f"{kind}[{name}]": self.moves[name][kind] for name, rates in self.rates.items() for kind in STATE
+                       if kind in self.moves[name] and (kind != "q" or rates.keys() <= self.motions.keys())}  # a ball has no position
+    def slips(self, placed):  # of contacts: for each component whether its force is unknown, and by displacement its slip; None: its rate
+        for contact in self.contacts:
+            only(contact, "name type body at radius measured")
+            H, moved = placed[contact["body"]]
+            *axes, x = zip(*self.times(H, self.frame(contact["at"]))[:3], strict=True)
+            foot, turn, slide = self.plus(x, self.read(contact.get("radius", "0")), self.down), moved["qd"][:3], moved["qd"][3:]
+            rate, bend = self.plus(moved["qdd"], -1, placed[False][1]["qdd"]), cross(turn, self.plus(slide, 1, cross(turn, x)))
+            for k, e in [*zip(("fx", "fy", "fz", "tx", "ty", "tz"), axes + axes, strict=True)]:
+                if k[0] == "f" or k[1] in HELD[contact["type"]]:
+                    way = [*cross(foot, e), *e] if k[0] == "f" else [*e, 0, 0, 0]
+                    slip = {i: sum(map(mul, way, t)) % self.p for i, t in moved.items() if i not in STATE}
+                    more = sum(map(mul, e, bend)) if k[0] == "f" else 0
+                    yield k not in contact.get("measured", []), slip | {None: (sum(map(mul, way, rate)) + more) % self.p}
     def poses(self):  # H of bodies by name, with the twists there of displacements and others, in the base frame
         placed = {(): (ONE, {"qd": [0] * 6, "qdd": [0, 0, 0, *(-self.read(g) for g in self.gravity)]})}
         for body in [{"name": False, "parent": (), "joint": {"steps": []}, "massless": True}, *self.model["bodies"]]:
@@ -194,9 +224,7 @@ class Robot:
         return placed
     def rows(self):  # 2 X at a new state: for each output the entries that are not 0, by parameter
         self.signs, self.known = defaultdict(self.random), self.known | {f"i[{name}]": self.random() for name in self.ratios}
-        rows, _, placed = [defaultdict(int) for _ in self.outputs], self.draw(), self.poses()
-        self.known |= {f"{kind}[{name}]": self.moves[name][kind] for name, rates in self.rates.items() for kind in STATE
-                       if kind in self.moves[name] and (kind != "q" or rates.keys() <= self.motions.keys())}  # a ball has no position
+        rows, _, _, placed = [defaultdict(int) for _ in self.outputs], self.draw(), self.know(), self.poses()
         for body, (H, moved) in [(body, placed[body["name"]]) for body in self.model["bodies"] if kinds(body)]:
             V, A = matrix(moved["qd"]), matrix(moved["qdd"])  # Ḣ = V H, and Ḧ − G = (A + V V) H
             F = [self.plus(a, 1, v) for a, v in zip(self.times(A, H), self.times(V, self.times(V, H)), strict=True)]
@@ -208,7 +236,11 @@ class Robot:
             for act in only(effect, "parameter unit acts value bristles")["acts"]:
                 force, far = 2 * self.force(**act), self.moves[act["at"] if act["side"] == "joint" else ("actuator", act["at"])]
                 for i in far.keys() - {*STATE}: rows[i][effect["parameter"]] += far[i] * force
-        return [self.combination([(1, row)]) for row in rows]
+        forces, leads = [slip for unknown, slip in self.slips(placed) if unknown], {}
+        for n, (i, row) in itertools.product(range(len(forces)), enumerate(rows)): row[n] = forces[n].get(i, 0)
+        for row in rows: self.extend(leads, self.combination([(1, row)]), range(len(forces)))
+        left = [self.remains(self.combination([(1, row)]), leads) for row in rows]  # no unknown force enters these
+        return [row for row in left if row]
     def force(self, at, side, term):  # of an effect per unit
         cover(at in {"joint": self.ratios, "actuator": self.drives}[side], f"an effect at {at!r}")
         text = re.sub(r"(?<![\w\[])(qdd|qd|q|i)(?![\w\[])", rf"\1[{at!r}]", term)
@@ -218,6 +250,7 @@ class Robot:
     def of_state(self, text, scale):  # of an effect; signs are scaled, which shows if a term is linear in them
         found = re.fullmatch(r"(sign|abs)\((.*)\)", text := re.sub("""["']""", "", text))
         if not found: return self.look_up(text)
+        cover(not self.contacts, "signs of rates beside contacts")
         value, what = self.residue(evaluate(found[2], self.look_up)), f"the sign of {found[2][:60]!r}"
         a, b, both = (evaluate(found[2], lambda n, at=at: at[n] if n in at else cover(False, what)) for at in self.points)
         cover(min(abs(a), abs(b)) > FALSE and a + b == both, what)  # linear; its sign changes with that of proportional ones alone
@@ -323,7 +356,7 @@ def verify(data):  # what was found, in a sentence
             left = robot.combination([(1, row), *((-row[pivot], term) for pivot, term in B if pivot in row)])
             left = [k for k, x in left.items() if abs(x) > (FALSE + radius * (k in numbers)) * sum(map(abs, row.values()))]
             need(not left, f"it is not complete: it does not reproduce the effect of {left[:4]}")
-        size = 128 * robot.largest_power * len(json.dumps([model, terms]))
+        size = 128 * robot.largest_power * len(json.dumps([model, terms])) * (1 + 6 * len(robot.contacts)) ** 2
         cover(size < 2**60, "such large multiples of an angle")
         rounds, log_error = rounds + 1, log_error + (math.log(size / 2**80 + 8 * 16 * size / 80 / 2**70) if not loops else -10)
     rank, general = own.rank(pivots), data["generic"] or not (own.stated or loops)
