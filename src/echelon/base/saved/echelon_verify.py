@@ -58,17 +58,12 @@ class Robot:
         self.model = only(model, MODEL + " loops independent assembly poses rounding" * ("loops" in model))
         values = {n: entry.get("value") if isinstance(entry, dict) else entry for n, entry in model.get("symbols", {}).items()}
         self.read, self.frame = functools.cache(self.read), functools.cache(self.frame)
-        self.largest_power, self.angles, self.sensed = 1, defaultdict(self.random), {}
+        self.largest_power, self.angles, self.sensed, self.contacts = 1, defaultdict(self.random), {}, model.get("contacts", [])
         self.numbers({name: text for name, text in values.items() if text is not None}, at_values)
         names = {(k, body["label"]): k + body["label"] for body in model["bodies"] for k in kinds(body)}  # shared with a label
         self.parameters = [*unique([(n, 0) for n in [*names.values(), *(e["parameter"] for e in model.get("effects", []))]])]
         self.gravity = {"none": ["0"] * 3, "generic": ["gx", "gy", "gz"]}.get(str(model["gravity"]), model["gravity"])
         steps = [step for body in model["bodies"] for step in only(body["joint"], "type kind name steps")["steps"]]
-        self.contacts, self.down = model.get("contacts", []), [0] * 3  # down is known where gravity is along an axis
-        if "rolling" in [c["type"] for c in self.contacts]:
-            pull = [evaluate(g, lambda _: cover(False, "what rolls under gravity with symbols")) for g in self.gravity]
-            cover(sum(map(bool, pull)) == 1, "what rolls under oblique gravity")
-            self.down = [(g > 0) - (g < 0) for g in pull]
         motions = self.motions = unique([(step["name"], step["motion"]) for step in steps if "motion" in step])
         followers, actuators = unique([x for entry in model.get("couplings", []) for x in entry.items()]), model.get("actuators", {})
         axes = {n: [f"{n}.{c}" for c in "xyz"] if kind == "ball" else [n] for n, kind in motions.items() if n not in followers}
@@ -182,30 +177,32 @@ class Robot:
         self.angles |= {("joint", x): self.random() for x in self.free}
         self.balls = {name: [1, *(self.random() for _ in "xyz")] for name in self.motions}
         state = {x: {kind: self.random() for kind in STATE} for x in self.free}
-        for n, kind in [*enumerate(STATE)][1:] if self.contacts else ():
-            alone = {x: {x: 1} | {k: state[x][k] for k in STATE[:n]} for x in self.free}
-            self.moves, leads = self.follow(alone | {sensor: {} for sensor in self.sensed}), {}
-            self.know()
-            for _, slip in self.slips(self.poses()): self.extend(leads, slip, self.free)
+        for n in (1, 2) if self.contacts else ():  # velocities, then accelerations: some follow others, so that nothing slips
+            alone, leads = {x: {x: 1} | {kind: state[x][kind] for kind in STATE[:n]} for x in self.free}, {}
+            self.know(alone | {sensor: {} for sensor in self.sensed})
+            for slip, _ in self.slips(self.poses()): self.extend(leads, slip, self.free)
             for k, way in [(k, self.remains({k: 1}, leads)) for k in leads]:
-                state[k][kind] = sum(y * (1 if x is None else state[x][kind]) for x, y in way.items()) % self.p
-        self.moves = self.follow(self.base | {x: self.base[x] | state[x] for x in self.free})
-    def know(self):  # the state, for slides and effects
+                state[k][STATE[n]] = sum(y * (1 if x is None else state[x][STATE[n]]) for x, y in way.items()) % self.p
+        self.know(self.base | {x: self.base[x] | state[x] for x in self.free})
+    def know(self, moves):  # displacements, and with them the state
+        self.moves = self.follow(moves)
         self.known |= {f"{kind}[{name}]": self.moves[name][kind] for name, rates in self.rates.items() for kind in STATE
                        if kind in self.moves[name] and (kind != "q" or rates.keys() <= self.motions.keys())}  # a ball has no position
-    def slips(self, placed):  # of contacts: for each component whether its force is unknown, and by displacement its slip; None: its rate
-        for contact in self.contacts:
-            only(contact, "name type body at radius measured")
-            H, moved = placed[contact["body"]]
-            *axes, x = zip(*self.times(H, self.frame(contact["at"]))[:3], strict=True)
-            foot, turn, slide = self.plus(x, self.read(contact.get("radius", "0")), self.down), moved["qd"][:3], moved["qd"][3:]
-            rate, bend = self.plus(moved["qdd"], -1, placed[False][1]["qdd"]), cross(turn, self.plus(slide, 1, cross(turn, x)))
-            for k, e in [*zip(("fx", "fy", "fz", "tx", "ty", "tz"), axes + axes, strict=True)]:
-                if k[0] == "f" or k[1] in HELD[contact["type"]]:
-                    way = [*cross(foot, e), *e] if k[0] == "f" else [*e, 0, 0, 0]
-                    slip = {i: sum(map(mul, way, t)) % self.p for i, t in moved.items() if i not in STATE}
-                    more = sum(map(mul, e, bend)) if k[0] == "f" else 0
-                    yield k not in contact.get("measured", []), slip | {None: (sum(map(mul, way, rate)) + more) % self.p}
+    def slips(self, placed):  # by displacement, of each component of a contact, None: its rate; and if its force is unknown
+        for c in [only(contact, "name type body at radius measured") for contact in self.contacts]:
+            pull, (H, moved) = [0, 0, 1], placed[c["body"]]
+            if c["type"] == "rolling": pull = [evaluate(g, lambda _: cover(False, "rolling, and symbols in gravity")) for g in self.gravity]
+            cover(sum(map(bool, pull)) == 1, "rolling where gravity is along no axis")
+            *axes, x = zip(*self.times(H, self.frame(c["at"]))[:3], strict=True)
+            foot = self.plus(x, self.read(c.get("radius", "0")), [(g > 0) - (g < 0) for g in pull])
+            turn, slide, far = moved["qd"][:3], moved["qd"][3:], self.plus(moved["qdd"], -1, placed[False][1]["qdd"])
+            bend = cross(turn, self.plus(slide, 1, cross(turn, x)))  # what makes the contact's frame accelerate without qdd
+            ways = {"f" + k: [*cross(foot, e), *e] for k, e in zip("xyz", axes, strict=True)}
+            ways |= {"t" + k: [*axes["xyz".index(k)], 0, 0, 0] for k in HELD[c["type"]]}
+            for k, way in ways.items():
+                slip = {i: sum(map(mul, way, twist)) % self.p for i, twist in moved.items() if i not in STATE}
+                rate = sum(map(mul, way, far)) + sum(map(mul, way[3:], bend))
+                yield slip | {None: rate % self.p}, k not in c.get("measured", [])
     def poses(self):  # H of bodies by name, with the twists there of displacements and others, in the base frame
         placed = {(): (ONE, {"qd": [0] * 6, "qdd": [0, 0, 0, *(-self.read(g) for g in self.gravity)]})}
         for body in [{"name": False, "parent": (), "joint": {"steps": []}, "massless": True}, *self.model["bodies"]]:
@@ -224,7 +221,7 @@ class Robot:
         return placed
     def rows(self):  # 2 X at a new state: for each output the entries that are not 0, by parameter
         self.signs, self.known = defaultdict(self.random), self.known | {f"i[{name}]": self.random() for name in self.ratios}
-        rows, _, _, placed = [defaultdict(int) for _ in self.outputs], self.draw(), self.know(), self.poses()
+        rows, _, placed = [defaultdict(int) for _ in self.outputs], self.draw(), self.poses()
         for body, (H, moved) in [(body, placed[body["name"]]) for body in self.model["bodies"] if kinds(body)]:
             V, A = matrix(moved["qd"]), matrix(moved["qdd"])  # Ḣ = V H, and Ḧ − G = (A + V V) H
             F = [self.plus(a, 1, v) for a, v in zip(self.times(A, H), self.times(V, self.times(V, H)), strict=True)]
@@ -236,11 +233,10 @@ class Robot:
             for act in only(effect, "parameter unit acts value bristles")["acts"]:
                 force, far = 2 * self.force(**act), self.moves[act["at"] if act["side"] == "joint" else ("actuator", act["at"])]
                 for i in far.keys() - {*STATE}: rows[i][effect["parameter"]] += far[i] * force
-        forces, leads = [slip for unknown, slip in self.slips(placed) if unknown], {}
-        for n, (i, row) in itertools.product(range(len(forces)), enumerate(rows)): row[n] = forces[n].get(i, 0)
-        for row in rows: self.extend(leads, self.combination([(1, row)]), range(len(forces)))
-        left = [self.remains(self.combination([(1, row)]), leads) for row in rows]  # no unknown force enters these
-        return [row for row in left if row]
+        forces, leads = dict(enumerate(slip for slip, unknown in self.slips(placed) if unknown)), {}
+        for (i, row), (n, slip) in itertools.product(enumerate(rows), forces.items()): row[n] = slip.get(i, 0)
+        for row in (rows := [self.combination([(1, row)]) for row in rows]): self.extend(leads, row, forces)
+        return [row for row in (self.remains(row, leads) for row in rows) if row or not forces]  # where no unknown force enters
     def force(self, at, side, term):  # of an effect per unit
         cover(at in {"joint": self.ratios, "actuator": self.drives}[side], f"an effect at {at!r}")
         text = re.sub(r"(?<![\w\[])(qdd|qd|q|i)(?![\w\[])", rf"\1[{at!r}]", term)
@@ -250,10 +246,10 @@ class Robot:
     def of_state(self, text, scale):  # of an effect; signs are scaled, which shows if a term is linear in them
         found = re.fullmatch(r"(sign|abs)\((.*)\)", text := re.sub("""["']""", "", text))
         if not found: return self.look_up(text)
-        cover(not self.contacts, "signs of rates beside contacts")
         value, what = self.residue(evaluate(found[2], self.look_up)), f"the sign of {found[2][:60]!r}"
         a, b, both = (evaluate(found[2], lambda n, at=at: at[n] if n in at else cover(False, what)) for at in self.points)
-        cover(min(abs(a), abs(b)) > FALSE and a + b == both, what)  # linear; its sign changes with that of proportional ones alone
+        ways = min(abs(a), abs(b)) > FALSE and a + b == both  # linear; its sign changes with that of proportional ones alone
+        cover(ways and not self.contacts, what)
         return scale * (1 if a > 0 else -1) * Fraction(self.signs[round(a / b, 40)]) * Fraction(value if found[1] == "abs" else 1)
 
 class Linkage(Robot):
@@ -337,7 +333,7 @@ class Linkage(Robot):
         self.points = [{f"qd[{n}]": sum(Fraction(some[n].get(k, 0)) for k in which) for n in self.rates} for which in ("a", "b", "ab")]
         self.moves = {x: far | {"qd": rates[x].get("qd", 0)} for x, far in self.alone.items()}
         self.leads, _, _ = self.loops(self.dependent)
-        self.moves = self.follow(given | {None: {"qdd": 1}})
+        self.know(given | {None: {"qdd": 1}})
 
 def verify(data):  # what was found, in a sentence
     model, base = only(data, KEYS + " largest_coefficient" + " numbers" * (loops := "loops" in data["model"]))["model"], data["base"]
