@@ -231,6 +231,13 @@ _READING: dict[str, tuple[Any, Any]] = {
         "drives",
     ),
     "ignore": (Ignore, None),
+    "experiment": (
+        Annotated[
+            str,
+            typer.Option(help="Name of the one of several experiments that is meant."),
+        ],
+        "",
+    ),
     "model": (
         Annotated[
             str,
@@ -243,6 +250,17 @@ _READING: dict[str, tuple[Any, Any]] = {
     ),
 }
 """How a robot is read: options by name, with their defaults."""
+
+
+_AS_THEY_ARE = (
+    "floating",
+    "gravity",
+    "keep_fixed_links",
+    "measured",
+    "experiment",
+    "model",
+)
+"""Options that are keywords of ``echelon.load`` themselves."""
 
 
 Command = Callable[..., Any]
@@ -303,10 +321,7 @@ def reading(**given: Any) -> dict[str, Any]:
     chosen = {name: default for name, (_, default) in _READING.items()} | given
     tolerance = chosen["snap_tolerance"]
     return {
-        **{
-            name: chosen[name]
-            for name in ("floating", "gravity", "keep_fixed_links", "measured", "model")
-        },
+        **{name: chosen[name] for name in _AS_THEY_ARE},
         "symbolic": not chosen["numeric"],
         "independent_mimics": chosen["mimic"] == "independent",
         "massless": tuple(chosen["massless"] or ()),

@@ -189,8 +189,8 @@ def _check_single(setup: Setup) -> None:
     mechanism = setup.mechanism
     if mechanism.experiments:
         raise InputError(
-            f"it states the experiments {in_quotes(mechanism.experiments)}, and logs and motions are those of one: leave "
-            "the others out, or add their observations in Python (docs/experiments.md)",
+            f"it states the experiments {in_quotes(mechanism.experiments)}, and logs and motions are those of one: name "
+            "it (experiment=, --experiment of excite), or add their observations in Python (docs/experiments.md)",
             source=setup.source,
             element="experiments",
         )
