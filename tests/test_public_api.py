@@ -22,15 +22,15 @@ PUBLIC = [
     "CertificateError", "ClosedFormError", "Comparison", "DoubtWarning", "EchelonError", "Equality", "Estimate",
     "ExcitingTrajectory", "Experiment", "Expression", "Identifiability", "Identification", "InputError", "LinearBase",
     "LinearModel", "Match", "Mechanism", "MissingExtraError", "NormalEquations", "NumericComparison", "Observation",
-    "OnlineEstimator", "Payload", "RecordedRows", "RowSpaces", "SensorReport", "ServoFit", "Setup", "SpecialGeometry", "Structure",
+    "OnlineEstimator", "Payload", "RecordedRows", "RowSpaces", "SampledRank", "SensorReport", "ServoFit", "Setup",
+    "SpecialGeometry", "Structure",
     "SymbolicRegressor", "Trajectory", "Verdict", "__version__", "audit", "base_parameters", "base_structure",
     "calibrate", "calibration_base", "calibration_html", "calibration_poses", "compare", "compare_numeric", "convert",
     "convert_columns", "drive_gains", "energy_regressor", "exciting_trajectory", "fit_servos", "gains_from_logs",
     "generate", "identify", "information_of_logs", "joined", "joint_side", "judged_trajectory", "load", "load_base",
     "load_identified", "load_linear", "load_linear_base", "load_model", "load_setup", "low_pass", "match", "motion_ranks",
-    "online", "plan",
-    "power_regressor", "predict_log", "preview_html", "read_trajectory", "report_html", "same_row_space", "save_base",
-    "save_identification", "sensor_report", "special_geometry", "verify", "write_trajectory",
+    "online", "plan", "power_regressor", "predict_log", "preview_html", "read_trajectory", "report_html", "same_row_space",
+    "sampled_rank", "save_base", "save_identification", "sensor_report", "special_geometry", "verify", "write_trajectory",
 ]  # fmt: skip
 
 

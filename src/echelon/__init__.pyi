@@ -45,6 +45,8 @@ from echelon.comparison.result import Equality as Equality
 from echelon.compute.observe.observation import NormalEquations as NormalEquations
 from echelon.compute.observe.observation import Observation as Observation
 from echelon.dynamics.models import LinearModel as LinearModel
+from echelon.excite.driven import SampledRank as SampledRank
+from echelon.excite.driven import sampled_rank as sampled_rank
 from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory
 from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import echelon as ec
 from support.paths import ROOT
+from support.posed_urdf import Axes, Description
 from support.robot_files import robot_file
+from support.selection import one_in
 
 EXAMPLES = ROOT / "examples"
 
@@ -128,6 +131,23 @@ def test_a_coaxial_joint_before_its_sibling(tmp_path: Path) -> None:
     matched = ec.match(one, two)
     np.testing.assert_allclose(matched.offset, [0.5, 0, 0], atol=1e-9)
     check_torques(matched)
+
+
+@pytest.mark.parametrize("seed", one_in(6, range(36)))
+def test_any_zeros_directions_and_bases(seed: int) -> None:
+    """One set of axes, described twice: equal motions need equal torques."""
+    rng = np.random.default_rng(seed)
+    axes = Axes.random(rng, oblique=seed % 2 == 0)
+    n = len(axes.parents)
+    base = np.eye(4)
+    if seed % 3:
+        base[:3, :3] = Rotation.from_rotvec([0, 0, rng.uniform(-3, 3)]).as_matrix()
+        base[:3, 3] = rng.uniform(-1, 1, 3)
+    zeros = {k: float(rng.uniform(-1, 1)) for k in range(n) if rng.random() < 0.7}
+    turned = frozenset(k for k in range(n) if rng.random() < 0.5)
+    descriptions = Description(axes), Description(axes, zeros, turned, base)
+    robots = [ec.load(d.urdf(), snap_tolerance=0) for d in descriptions]
+    check_torques(ec.match(*robots))
 
 
 def test_what_differs_is_named(tmp_path: Path) -> None:

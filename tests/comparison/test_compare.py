@@ -236,6 +236,31 @@ def test_zeros_and_directions_are_named(seed: int) -> None:
     assert (direction.joint, direction.kind) == ("j2", "positive direction")
 
 
+def test_every_explanation_of_a_wrist_is_named() -> None:
+    """With crossing axes a reversed joint is also half a turn of the one before; inertias tell which it is."""
+    links = random_links(np.random.default_rng(3), 3)
+    chain = [
+        replace(link, parent=f"l{k}" if k else "base", kind="revolute", rpy="0 0 0")
+        for k, link in enumerate(links)
+    ]
+    axes = ("1 0 0", "0 0 1", "0 1 0")
+    chain = [
+        replace(link, axis=axis, xyz=np.array([0, 0, 0.3]))
+        for link, axis in zip(chain, axes, strict=True)
+    ]
+    reversed_one = [*chain[:2], replace(chain[2], axis="0 -1 0")]
+    turned = [chain[0], replace(chain[1], rpy=f"0 0 {np.pi}"), chain[2]]
+    zero, direction = "j2: zero differs", "j3: positive direction differs"
+    for other, right, wrong in (
+        (reversed_one, direction, zero),
+        (turned, zero, direction),
+    ):
+        found = ec.compare(urdf(chain), urdf(other))
+        assert str(found.geometry[0]).startswith(right)
+        assert any(wrong in note for note in found.notes)
+        assert not found.base
+
+
 def test_other_joints_are_refused() -> None:
     with pytest.raises(ec.InputError, match="only so101 has gripper"):
         ec.compare(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -185,6 +186,33 @@ def test_logs_and_motions_are_those_of_one_experiment(job: Any, tmp_path: Any) -
     file.write_text(PANDA.read_text() + "contacts: [{body: j7}]\n")
     with pytest.raises(ec.InputError, match="without_contact_forces"):
         job(file)
+
+
+def test_one_of_several_is_read_alone_and_excited(tmp_path: Any) -> None:
+    """A motion for the pendulum with its first joint held moves the other, and shows what that experiment shows."""
+    text = (EXAMPLES / "double_pendulum.yaml").read_text()
+    file = tmp_path / "two.yaml"
+    entries = "experiments: [{name: free}, {name: held, locked: {j1: 0.5}}]\n"
+    file.write_text(text + entries)
+    held = ec.load(file, experiment="held")
+    assert (held.experiments, held.positions) == ((), ("j2",))
+    found = ec.exciting_trajectory(
+        ec.load_setup(file, experiment="held"),
+        duration=4,
+        starts=1,
+        limits={"velocity": 3, "position": [-2, 2]},
+    )
+    assert found.safe
+    assert found.trajectory.coordinates == ("j2",)
+    assert found.base.rank == ec.base_parameters(held).rank
+    with pytest.raises(ec.InputError, match=r"no experiment 'hold'.*'held'"):
+        ec.load(file, experiment="hold")
+    setup = replace(ec.load_setup(file, experiment="free"), mechanism=ec.load(file))
+    with pytest.raises(ec.InputError, match="name one of free, held"):
+        ec.exciting_trajectory(setup)
+    touching = ec.load(text + "contacts: [{body: j2}]\n")
+    with pytest.raises(ec.InputError, match="no contact slips cannot be planned"):
+        ec.exciting_trajectory(replace(setup, mechanism=touching))
 
 
 def test_sensors_that_locks_leave_out_are_refused(panda: ec.Mechanism) -> None:

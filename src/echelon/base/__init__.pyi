@@ -23,7 +23,8 @@ from echelon.base.expression import render as render
 from echelon.base.kinematic_match import Correspondence as Correspondence
 from echelon.base.kinematic_match import GeometryDifference as GeometryDifference
 from echelon.base.kinematic_match import ZeroPose as ZeroPose
-from echelon.base.kinematic_match import correspondence as correspondence
+from echelon.base.kinematic_match import correspondences as correspondences
+from echelon.base.kinematic_match import gravity_value as gravity_value
 from echelon.base.linear_base import LinearBase as LinearBase
 from echelon.base.matrix import Identifiability as Identifiability
 from echelon.base.model import BaseModel as BaseModel

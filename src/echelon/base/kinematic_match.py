@@ -4,18 +4,22 @@ Positions move a tree by a product of exponentials of the screws that its motion
 Brockett, "Robotic manipulators and the product of exponentials formula", 1984).  So two trees move alike in the same
 positions exactly if these screws are the same in one base frame, wherever the frames of links are put.  Screws are
 compared from the base on, and each difference is taken up before the next joint is looked at: a longer link shows once.
+
+Several explanations may be possible: a joint that counts the other way round may also be half a turn of the joint
+before it.  Explanations are therefore followed side by side, and the simplest are kept.  Another zero or direction of a
+joint is another convention of the same robot, and simpler than another axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
 from echelon.algebra import DEFAULT_SEED, random_generator
-from echelon.base.match import JointAxis, gravity_value, shortest_turn, turn_about
 from echelon.dynamics import CompiledAssembly, Kinematics
 from echelon.loops import normalised
 from echelon.robot import (
@@ -23,17 +27,20 @@ from echelon.robot import (
     Mechanism,
     Motion,
     MotionKind,
-    characteristic_length,
+    symbol_values,
 )
 from echelon.shared import Floats, InputError, listed
 
+PARALLEL = 1e-6
+"""Sine of an angle, or distance of axes in m, that counts as zero."""
+_ALIKE = 1e-12
+"""Weight of the identity beside axes when two bases are laid over one another: it decides what they leave open."""
 _POSES = 4
 """Random poses in which all frames are compared: a coupling or a loop that differs shows in almost every one."""
-_ALIKE = 1e-9
-"""Weight of the identity beside axes when two bases are laid over one another: it decides what they leave open."""
-
-_FAR, _OTHER_SHAPE, _OTHER_NAME = 1e2, 1e3, 1e6
-"""Costs of pairing motions: the most that screws may count, other trees behind, other names; each beats the last."""
+_MOST_EXPLANATIONS = 32
+"""Explanations that are followed side by side: five joints in a row may leave open which of two zeros each has."""
+_CONVENTIONS = ("zero", "positive direction")
+"""Differences by which a description counts positions otherwise, but describes the same axes."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,46 @@ class GeometryDifference:
         return f"{self.joint}: {self.kind} differs by {self.size:.4g} {self.unit}"
 
 
+@dataclass(frozen=True, eq=False)
+class JointAxis:
+    """A joint axis; a prismatic joint's is nowhere in particular."""
+
+    turns: bool
+    point: Floats
+    direction: Floats
+
+    def moved_by(self, amount: float) -> Floats:
+        """The displacement of the joint, shape (4, 4)."""
+        move = np.eye(4)
+        if self.turns:
+            move[:3, :3] = turn_about(self.direction, amount)
+            move[:3, 3] = self.point - move[:3, :3] @ self.point
+        else:
+            move[:3, 3] = amount * self.direction
+        return move
+
+    def amounts(self, child: JointAxis, wanted: JointAxis) -> list[float]:
+        """Displacements of this joint that bring another axis into place: one or two, or none that matters."""
+        normal = np.cross(child.direction, self.direction)
+        apart = wanted.point - child.point
+        parallel = np.linalg.norm(normal) < PARALLEL
+        if not self.turns:
+            if parallel or not child.turns:
+                return []
+            return [
+                float(normal @ np.cross(child.direction, apart) / (normal @ normal))
+            ]
+        if not parallel:
+            # an axis may count the other way round
+            ends = wanted.direction, -wanted.direction
+            return [_angle(self.direction, child.direction, end) for end in ends]
+        radius = np.cross(self.direction, child.point - self.point)
+        if not child.turns or np.linalg.norm(radius) < PARALLEL:
+            return []
+        ends = child.point - self.point, wanted.point - self.point
+        return [_angle(self.direction, *ends)]
+
+
 class ZeroPose:
     """Motions of a robot as a tree, with their screws and the bodies' frames in the pose of zero, base frame."""
 
@@ -84,6 +131,7 @@ class ZeroPose:
         self.motions: list[Motion] = []
         self.parents: list[int] = []
         self.screws: list[Floats] = []
+        self.bodies: list[int] = []  # of every motion: the body whose joint has it
         self.node = {GROUND: GROUND}  # of every body: the motion that it rides on
         for k, body in enumerate(mechanism.bodies):
             at = self.node[body.parent]
@@ -91,6 +139,7 @@ class ZeroPose:
                 columns = [places[name] for name in motion.positions][-3:]
                 self.motions.append(motion)
                 self.parents.append(at)
+                self.bodies.append(k)
                 self.screws.append(_screws(self.frames[k], slopes[k][..., columns]))
                 at = len(self.motions) - 1
             self.node[k] = at
@@ -99,12 +148,23 @@ class ZeroPose:
         """Motions that start from what another one moves."""
         return [k for k, parent in enumerate(self.parents) if parent == node]
 
+    def before(self, node: int) -> list[int]:
+        """A motion, and those that move it, the nearest first."""
+        found = list[int]()
+        while node != GROUND:
+            found.append(node)
+            node = self.parents[node]
+        return found
+
     def axis(self, node: int, place: Floats) -> JointAxis:
         """The axis of a motion in a base frame that stands somewhere; of a ball, the first of its three."""
         direction, moment = _moved(place, self.screws[node])[0].reshape(2, 3)
         if self.motions[node].kind is MotionKind.TRANSLATION:
             return JointAxis(False, np.zeros(3), moment)
-        return JointAxis(True, np.cross(direction, moment), direction)
+        # its point next to the origin of a body that it moves
+        origin = (place @ self.frames[self.bodies[node]])[:3, 3]
+        along = direction * (direction @ origin)
+        return JointAxis(True, np.cross(direction, moment) + along, direction)
 
     def shape(self, node: int) -> str:
         """The kinds of a motion and of all behind it, whatever their order."""
@@ -146,11 +206,11 @@ class Correspondence:
     first, second : ZeroPose
     pairs : tuple of (int, int)
         Places of motions that correspond, parents first.
-    by_name : bool
-        Whether all pairs have one name.
     moves : mapping of int to array of shape (4, 4)
         For every motion of the first, and the ground, the movement from the first base frame to the second that lays
         what it carries over its counterpart in the pose of zero.
+    zeros : mapping of int to float
+        Displacements of motions of the first that lay its axes over those of the second, rad or m, where not zero.
     differences : tuple of GeometryDifference
     deviation : float
         The largest difference that counts as none, rad or a share of the robot's size.
@@ -159,10 +219,20 @@ class Correspondence:
     first: ZeroPose
     second: ZeroPose
     pairs: tuple[tuple[int, int], ...]
-    by_name: bool
-    moves: dict[int, Floats]
+    moves: Mapping[int, Floats]
+    zeros: Mapping[int, float]
     differences: tuple[GeometryDifference, ...]
     deviation: float
+
+    @property
+    def by_name(self) -> bool:
+        """Whether all pairs have one name."""
+        return all(name == other for name, other in self.names.items())
+
+    @property
+    def grave(self) -> tuple[GeometryDifference, ...]:
+        """Differences of what is described, not of how positions are counted."""
+        return tuple(d for d in self.differences if d.kind not in _CONVENTIONS)
 
     @cached_property
     def names(self) -> dict[str, str]:
@@ -180,35 +250,69 @@ class Correspondence:
         return [list(first).index(self.names[name]) for name in second]
 
 
-def correspondence(
-    first: Mechanism, second: Mechanism, tolerance: float
-) -> Correspondence:
-    """Pair the motions of two robots and name the differences of their geometry.
+def correspondences(
+    first: Mechanism,
+    second: Mechanism,
+    angle: float,
+    length: float,
+    pulls: tuple[Floats, Floats],
+    *,
+    same_positions: bool,
+) -> list[Correspondence]:
+    """Pair the motions of two robots and name the differences of their geometry, in all of the simplest ways.
 
-    ``tolerance`` is in rad, and a share of the robot's size for lengths.  Robots with other joints are refused.
+    Axes agree up to an angle (rad) and a length (m).  ``pulls`` are the gravities of both, or their directions.
+    Without ``same_positions`` another zero or direction of a joint is as simple as none, and preferred to another base.
+    Robots with other joints are refused.
     """
     ours, theirs = ZeroPose(first), ZeroPose(second)
     pairs = _paired(first, second, ours, theirs)
-    length = tolerance * characteristic_length(first)
-    pulls = gravity_value(first), gravity_value(second)
-    candidates = [np.eye(4), _base_move(ours, theirs, pairs, pulls)]
-    walks = [_Walk(ours, theirs, place, tolerance, length) for place in candidates]
-    for walk in walks:
+    limits = {"rad": angle, "m": length, "m/rad": length}
+    turns = [np.eye(3)]
+    if pairs:
+        turns += _base_turns(ours, theirs, pairs, pulls)
+    starts = []
+    for k, turn in enumerate(turns):
+        place = np.eye(4)
+        place[:3, :3] = turn
+        apart = float(np.linalg.norm(turn @ pulls[0] - pulls[1]))
+        tilted = apart > angle * max(float(np.linalg.norm(pulls[0])), 1.0)
+        tilt = [GeometryDifference("base", "gravity", apart, "m/s²")] * tilted
+        # the base as it stands, or shifted by what axes ask for
+        free = np.eye(3)[:, : 3 if k else 0]
+        start = {GROUND: place}, tuple(tilt), free
+        starts.append(_Explanation(ours, theirs, limits, same_positions, *start))
+    found = dict[str, Correspondence]()
+    for best in _simplest(starts, pairs):
+        same = Correspondence(
+            ours,
+            theirs,
+            tuple(pairs),
+            best.moves,
+            best.zeros,
+            best.found,
+            best.deviation,
+        )
+        if all(difference.kind == "gravity" for difference in best.found):
+            away = _moves_otherwise(first, second, same, length)
+            same = replace(same, differences=(*best.found, *away))
+        found.setdefault(str(same.differences), same)
+    return list(found.values())
+
+
+def _simplest(
+    starts: Sequence[_Explanation], pairs: Sequence[tuple[int, int]]
+) -> list[_Explanation]:
+    """The simplest explanations, the plainest way first: where nothing differs no other one is sought."""
+    found = list(starts)
+    for most in (1, _MOST_EXPLANATIONS):
+        found = list(starts)
         for i, j in pairs:
-            walk.step(i, j)
-    walk = min(walks, key=lambda walk: len(walk.found))
-    turned = walk.moves[GROUND][:3, :3] @ pulls[0]
-    apart = float(np.linalg.norm(turned - pulls[1]))
-    if apart > tolerance * max(float(np.linalg.norm(turned)), 1.0):
-        walk.found.append(GeometryDifference("base", "gravity", apart, "m/s²"))
-    names = [(ours.motions[i].name, theirs.motions[j].name) for i, j in pairs]
-    by_name = all(name == other for name, other in names)
-    found = Correspondence(
-        ours, theirs, tuple(pairs), by_name, walk.moves, (), walk.deviation
-    )
-    if not any(difference.kind != "gravity" for difference in walk.found):
-        walk.found += _moves_otherwise(first, second, found, length)
-    return replace(found, differences=tuple(walk.found))
+            further = chain.from_iterable(one.steps(i, j) for one in found)
+            found = sorted(further, key=lambda one: one.cost)[:most]
+        if not any(found[0].cost):
+            break
+    return [one for one in found if one.cost == found[0].cost]
 
 
 def _paired(
@@ -217,33 +321,31 @@ def _paired(
     """Motions that correspond, parents first: by name where the names agree, else by shape of the tree and axes."""
     names = [{motion.name for motion in robot.motions} for robot in (ours, theirs)]
     only = names[0] - names[1], names[1] - names[0]
-    if len(ours.motions) != len(theirs.motions):
-        told = [
-            f"only {robot.name} has {listed(sorted(mine))}"
-            for robot, mine in zip((first, second), only, strict=True)
-            if mine
-        ]
-        raise InputError(
-            f"{first.name} has {len(ours.motions)} moving joints, {second.name} {len(theirs.motions)}: "
-            f"{'; '.join(told)}; lock what one of them lacks (locked={{...}}) to compare the others"
-        )
     pairs: list[tuple[int, int]] = []
     waiting = [(GROUND, GROUND)]
     while waiting:
         at = waiting.pop(0)
         mine, others = ours.children(at[0]), theirs.children(at[1])
-        where = "the base" if at[0] == GROUND else f"'{ours.motions[at[0]].name}'"
         if len(mine) != len(others):
+            carriers = [
+                "base" if k == GROUND else pose.motions[k].name
+                for pose, k in zip((ours, theirs), at, strict=True)
+            ]
+            lacking = [
+                f"only {robot.name} has {listed(sorted(own))}"
+                for robot, own in zip((first, second), only, strict=True)
+                if own
+            ]
             raise InputError(
-                f"{where} carries {len(mine)} joints of {first.name} and {len(others)} of {second.name}"
+                f"'{carriers[0]}' carries {len(mine)} moving bodies, its counterpart '{carriers[1]}' {len(others)}: "
+                f"{'; '.join(lacking) or 'the trees differ'}; lock what one of them lacks"
             )
-        costs = [(_cost(ours, theirs, i, j), i, j) for i in mine for j in others]
+        costs = [(_unlike(ours, theirs, i, j), i, j) for i in mine for j in others]
         chosen: dict[int, int] = {}
         for _, i, j in sorted(costs):
             if i not in chosen and j not in chosen.values():
+                _check_pair(ours.motions[i], theirs.motions[j], only[0])
                 chosen[i] = j
-        for i, j in chosen.items():
-            _check_pair(ours.motions[i], theirs.motions[j], only[0])
         pairs += chosen.items()
         waiting += chosen.items()
     return pairs
@@ -252,89 +354,154 @@ def _paired(
 def _check_pair(one: Motion, other: Motion, lacking: set[str]) -> None:
     where = f"joints '{one.name}' and '{other.name}'"
     if one.kind is not other.kind:
-        raise InputError(
-            f"one is a {one.kind.value}, the other a {other.kind.value}", element=where
-        )
+        problem = f"one is a {one.kind.value}, the other a {other.kind.value}"
+        raise InputError(problem, element=where)
     if one.name != other.name and one.name not in lacking:
         problem = f"'{one.name}' hangs elsewhere in the second robot: the trees differ"
         raise InputError(problem, element=where)
 
 
-def _cost(ours: ZeroPose, theirs: ZeroPose, i: int, j: int) -> float:
-    """How badly two motions go together: not at all under other names or trees, then by their axes."""
-    same_name = ours.motions[i].name == theirs.motions[j].name
-    same_shape = ours.shape(i) == theirs.shape(j)
-    if not same_shape:
-        return _OTHER_NAME * (not same_name) + _OTHER_SHAPE
-    apart = float(np.linalg.norm(ours.screws[i] - theirs.screws[j]))
-    return _OTHER_NAME * (not same_name) + min(apart, _FAR)
+def _unlike(
+    ours: ZeroPose, theirs: ZeroPose, i: int, j: int
+) -> tuple[bool, bool, float]:
+    """How badly two motions go together: other names, then other trees behind, then other axes."""
+    other_shape = ours.shape(i) != theirs.shape(j)
+    apart = 0.0
+    if not other_shape:
+        apart = float(np.linalg.norm(ours.screws[i] - theirs.screws[j]))
+    return ours.motions[i].name != theirs.motions[j].name, other_shape, apart
 
 
-def _base_move(
+def _base_turns(
     ours: ZeroPose,
     theirs: ZeroPose,
     pairs: Sequence[tuple[int, int]],
     pulls: tuple[Floats, Floats],
-) -> Floats:
-    """The least movement of the first base that lays its axes over the second's, in least squares."""
-    one = np.vstack([np.zeros((0, 6)), *(ours.screws[i] for i, _ in pairs)])
-    two = np.vstack([np.zeros((0, 6)), *(theirs.screws[j] for _, j in pairs)])
-    turns = np.linalg.norm(one[:, :3], axis=1) > 0.5
-    directions = [np.where(turns[:, None], s[:, :3], s[:, 3:]) for s in (one, two)]
-    sizes = [np.linalg.norm(pull) or 1.0 for pull in pulls]
-    gathered = directions[1].T @ directions[0] + _ALIKE * np.eye(3)
-    gathered += 1e3 * _ALIKE * np.outer(pulls[1] / sizes[1], pulls[0] / sizes[0])
-    left, _, right = np.linalg.svd(gathered)
-    place = np.eye(4)
-    place[:3, :3] = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-    turned, wanted = _moved(place, one[turns]), two[turns]
-    # t × ω = the difference of the moments
-    rows = [np.zeros((0, 3)), *(-np.cross(np.eye(3), s[:3]).T for s in turned)]
-    rest = (wanted - turned)[:, 3:].ravel()
-    place[:3, 3] = np.linalg.lstsq(-np.vstack(rows), rest, rcond=1e-9)[0]
-    return place
+) -> Iterator[Floats]:
+    """Turns of the first base that may lay its axes over the second's: by the first axis, either way, and by all."""
+    one = [_directions(ours.screws[i]) for i, _ in pairs]
+    two = [_directions(theirs.screws[j]) for _, j in pairs]
+    for sign in (1, -1):
+        yield _least_turn(one[0], sign * two[0], pulls)
+    yield _least_turn(np.vstack(one), np.vstack(two), pulls)
 
 
-class _Walk:
-    """Differences of screws, from the base on."""
+def _directions(screws: Floats) -> Floats:
+    """Directions of screws (n, 6)."""
+    turns = np.linalg.norm(screws[:, :3], axis=1, keepdims=True) > 0.5
+    return np.where(turns, screws[:, :3], screws[:, 3:])
 
-    def __init__(
-        self,
-        ours: ZeroPose,
-        theirs: ZeroPose,
-        place: Floats,
-        angle: float,
-        length: float,
-    ) -> None:
-        self.ours, self.theirs = ours, theirs
-        self.limits = {"rad": angle, "m": length, "m/rad": length}
-        self.deviation = 0.0
-        self.moves: dict[int, Floats] = {GROUND: place}
-        self.found: list[GeometryDifference] = []
-        self._settled = {GROUND}  # motions whose zero a joint behind them has confirmed
 
-    def step(self, i: int, j: int) -> None:
-        """Compare one motion with its counterpart."""
-        parent = self.ours.parents[i]
-        if self._parts(i, j, self.moves[parent]) and parent not in self._settled:
-            self._explain_by_zero(i, j, parent)
-        self._settled.add(parent)
-        parts = self._parts(i, j, self.moves[parent])
-        self.found += parts
-        shares = [
-            part.size / self.limits[part.unit] * self.limits["rad"]
-            for part in self._sizes(i, j, self.moves[parent])
-            if part not in parts
+def _least_turn(one: Floats, two: Floats, pulls: tuple[Floats, Floats]) -> Floats:
+    """The least turn that lays directions over others, in least squares; gravity decides what parallel ones leave."""
+    left, sizes, right = np.linalg.svd(two.T @ one + _ALIKE * np.eye(3))
+    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    if sizes[1] < PARALLEL * sizes[0]:
+        turn = turn_about(two[0], _angle(two[0], turn @ pulls[0], pulls[1])) @ turn
+    return np.asarray(turn)
+
+
+@dataclass(frozen=True, eq=False)
+class _Explanation:
+    """One way to lay the axes of a robot over those of another, from the base on, and what differs then."""
+
+    ours: ZeroPose
+    theirs: ZeroPose
+    limits: Mapping[str, float]  # of differences that count as none, by unit
+    same_positions: bool  # whether another zero or direction counts
+    moves: Mapping[int, Floats]
+    found: tuple[GeometryDifference, ...]
+    free: Floats  # directions along which the base may still be shifted, shape (3, k)
+    zeros: Mapping[int, float] = field(default_factory=dict)
+    settled: frozenset[int] = frozenset()  # motions whose zero one behind has shown
+    deviation: float = 0.0
+
+    @cached_property
+    def cost(self) -> tuple[int, int, int]:
+        """Differences of axes, of gravity, and of what is convention: the fewer, the simpler."""
+        kinds = [difference.kind for difference in self.found]
+        conventions = sum(kind in _CONVENTIONS for kind in kinds)
+        gravity = kinds.count("gravity")
+        axes = len(kinds) - conventions - gravity
+        return axes, gravity, conventions * self.same_positions
+
+    def steps(self, i: int, j: int) -> Iterator[_Explanation]:
+        """Explanations that compare one motion more with its counterpart."""
+        shown = [node for node in self._open(i) if self._amounts(node, i, j)]
+        found = [replace(self, settled=self.settled.union(shown))]
+        for node in shown:
+            for one in list(found):
+                found += one._with_zeros(node, i, j)
+        for k, one in enumerate(found):
+            compared = one._shifted(i, j)._compared(i, j)
+            if k == 0 or compared.cost[:2] == self.cost[:2]:
+                yield compared
+
+    def _open(self, i: int) -> list[int]:
+        """Motions before one that may have another zero: those that turn first, since they decide directions."""
+        free = [k for k in self.ours.before(i)[1:] if k not in self.settled]
+        kinds = [self.ours.motions[k].kind for k in free]
+        return [
+            k
+            for wanted in (MotionKind.ROTATION, MotionKind.TRANSLATION)
+            for k, kind in zip(free, kinds, strict=True)
+            if kind is wanted
         ]
-        self.deviation = max([self.deviation, *shares])
-        self.moves[i] = self.moves[parent]
-        if parts:
-            self.moves[i] = self._aligned(i, j, self.moves[parent])
 
-    def _parts(self, i: int, j: int, place: Floats) -> list[GeometryDifference]:
-        """Differences of a motion and its counterpart beyond the tolerance."""
+    def _amounts(self, node: int, i: int, j: int) -> list[float]:
+        """Displacements of a motion that may bring the axis of one behind it into place."""
+        axis = self.ours.axis(node, self.moves[node])
+        child = self.ours.axis(i, self.moves[self.ours.parents[i]])
+        return axis.amounts(child, self.theirs.axis(j, np.eye(4)))
+
+    def _with_zeros(self, node: int, i: int, j: int) -> Iterator[_Explanation]:
+        """The explanation with other zeros of a motion, which move all that hangs on it."""
+        axis = self.ours.axis(node, self.moves[node])
+        unit = "rad" if axis.turns else "m"
+        name = self.ours.motions[node].name
+        for amount in self._amounts(node, i, j):
+            if abs(amount) > self.limits[unit]:
+                move = axis.moved_by(amount)
+                behind = [k for k in self.moves if node in self.ours.before(k)]
+                moves = {k: move @ self.moves[k] for k in behind}
+                zero = GeometryDifference(name, "zero", abs(amount), unit)
+                yield replace(
+                    self,
+                    moves={**self.moves, **moves},
+                    zeros={**self.zeros, node: amount},
+                    found=(*self.found, zero),
+                )
+
+    def _shifted(self, i: int, j: int) -> _Explanation:
+        """The explanation with the base shifted, as far as it is free, so that an axis comes into place."""
+        one = self.ours.axis(i, self.moves[self.ours.parents[i]])
+        two = self.theirs.axis(j, np.eye(4))
+        if not one.turns or not self.free.size:
+            return self
+        across = np.eye(3) - np.outer(two.direction, two.direction)
+        _, sizes, axes = np.linalg.svd(across @ self.free)
+        seen = sizes > PARALLEL
+        gap = across @ (two.point - one.point)
+        steps = np.linalg.lstsq(across @ self.free, gap, rcond=PARALLEL)[0]
+        move = np.eye(4)
+        move[:3, 3] = self.free @ steps
+        moves = {k: move @ place for k, place in self.moves.items()}
+        return replace(self, moves=moves, free=self.free @ axes[~seen].T)
+
+    def _compared(self, i: int, j: int) -> _Explanation:
+        """The explanation with the differences of one motion more."""
+        place = self.moves[self.ours.parents[i]]
+        one, two = self.ours.axis(i, place), self.theirs.axis(j, np.eye(4))
         sizes = self._sizes(i, j, place)
-        return [part for part in sizes if part.size > self.limits[part.unit]]
+        parts = [part for part in sizes if part.size > self.limits[part.unit]]
+        shares = [p.size / self.limits[p.unit] for p in sizes if p not in parts]
+        deviation = max(shares, default=0.0) * self.limits["rad"]
+        return replace(
+            self,
+            moves={**self.moves, i: _aligned(one, two) @ place if parts else place},
+            found=(*self.found, *parts),
+            deviation=max(self.deviation, deviation),
+        )
 
     def _sizes(self, i: int, j: int, place: Floats) -> list[GeometryDifference]:
         """Differences of a motion and its counterpart, however small."""
@@ -345,11 +512,10 @@ class _Walk:
             turn, shift, along = apart[:, :3].max(), apart[:, 3:].max(), 1.0
         else:
             one, two = self.ours.axis(i, place), self.theirs.axis(j, np.eye(4))
-            normal = np.cross(one.direction, two.direction)
             along = float(one.direction @ two.direction)
+            normal = np.cross(one.direction, two.direction)
             turn = np.arctan2(np.linalg.norm(normal), abs(along))
-            at = self._near(i, one, place) if one.turns else one.point
-            shift = np.linalg.norm(np.cross(two.direction, at - two.point))
+            shift = np.linalg.norm(np.cross(two.direction, one.point - two.point))
         found = [
             GeometryDifference(name, "axis direction", float(turn), "rad"),
             GeometryDifference(name, "axis position", float(shift), "m"),
@@ -362,53 +528,15 @@ class _Walk:
             found.append(GeometryDifference(name, "pitch", size, "m/rad"))
         return found
 
-    def _near(self, i: int, axis: JointAxis, place: Floats) -> Floats:
-        """The point of an axis next to the origin of a body that it moves."""
-        body = next(k for k, node in self.ours.node.items() if node >= i)
-        origin = (place @ self.ours.frames[body])[:3, 3]
-        along = float(axis.direction @ (origin - axis.point))
-        return np.asarray(axis.point + along * axis.direction)
 
-    def _explain_by_zero(self, i: int, j: int, parent: int) -> None:
-        """Find another zero of the joint before that brings an axis into place."""
-        if self.ours.motions[parent].kind not in (
-            MotionKind.ROTATION,
-            MotionKind.TRANSLATION,
-        ):
-            return
-        before = self.ours.axis(parent, self.moves[parent])
-        child = self.ours.axis(i, self.moves[parent])
-        wanted = self.theirs.axis(j, np.eye(4))
-        for amount in before.amounts(child, wanted):
-            place = _by(before, amount) @ self.moves[parent]
-            if not self._parts(i, j, place):
-                unit = "rad" if before.turns else "m"
-                name = self.ours.motions[parent].name
-                self.found.append(GeometryDifference(name, "zero", abs(amount), unit))
-                self.moves[parent] = place
-                return
-
-    def _aligned(self, i: int, j: int, place: Floats) -> Floats:
-        """The least further movement that lays an axis over its counterpart."""
-        one, two = self.ours.axis(i, place), self.theirs.axis(j, np.eye(4))
-        move = np.eye(4)
-        move[:3, :3] = shortest_turn(one.direction, two.direction)
-        if one.turns:
-            at = self._near(i, one, place)
-            gap = two.point - at
-            gap = gap - two.direction * (two.direction @ gap)
-            move[:3, 3] = at + gap - move[:3, :3] @ at
-        return move @ place
-
-
-def _by(axis: JointAxis, amount: float) -> Floats:
-    """The displacement of a joint."""
+def _aligned(one: JointAxis, two: JointAxis) -> Floats:
+    """The least movement that lays an axis over its counterpart."""
     move = np.eye(4)
-    if not axis.turns:
-        move[:3, 3] = amount * axis.direction
-        return move
-    move[:3, :3] = turn_about(axis.direction, amount)
-    move[:3, 3] = axis.point - move[:3, :3] @ axis.point
+    move[:3, :3] = shortest_turn(one.direction, two.direction)
+    if one.turns:
+        gap = two.point - one.point
+        across = gap - two.direction * (two.direction @ gap)
+        move[:3, 3] = one.point + across - move[:3, :3] @ one.point
     return move
 
 
@@ -429,18 +557,51 @@ def _moves_otherwise(
     )
     away = []
     for i, j in found.pairs:
-        k = next(k for k, node in found.first.node.items() if node >= i)
-        n = next(k for k, node in found.second.node.items() if node >= j)
-        if found.first.node[k] == i and found.second.node[n] == j:
-            constant = (
-                np.linalg.inv(found.second.frames[n])
-                @ found.moves[i]
-                @ found.first.frames[k]
-            )
-            apart = theirs[:, n] @ constant - found.moves[i] @ ours[:, k]
-            size = float(np.abs(apart).max())
-            if not size <= 10 * length:
-                away.append(
-                    GeometryDifference(found.first.motions[i].name, "motion", size, "m")
-                )
+        k, n = found.first.bodies[i], found.second.bodies[j]
+        if found.first.node[k] != i or found.second.node[n] != j:
+            continue  # a motion within a joint, which no body rides on
+        ours_at_zero = found.moves[i] @ found.first.frames[k]
+        constant = np.linalg.solve(found.second.frames[n], ours_at_zero)
+        apart = theirs[:, n] @ constant - found.moves[i] @ ours[:, k]
+        size = float(np.abs(apart).max())
+        if not size <= 10 * length:
+            name = found.first.motions[i].name
+            away.append(GeometryDifference(name, "motion", size, "m"))
     return away
+
+
+def gravity_value(mechanism: Mechanism) -> Floats:
+    """Gravity in the base frame at the stated values, m/s²; zero where there is none."""
+    parts = mechanism.gravity or ()
+    values = symbol_values(mechanism, sorted({s for p in parts for s in p.symbols()}))
+    return np.array([part.at(values) for part in parts] or [0.0] * 3)
+
+
+def _angle(axis: Floats, start: Floats, end: Floats) -> float:
+    """The angle of the turn about an axis that brings one vector next to another."""
+    sine, cosine = (
+        axis @ np.cross(start, end),
+        start @ end - (axis @ start) * (axis @ end),
+    )
+    return float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > PARALLEL else 0.0
+
+
+def turn_about(axis: Floats, angle: float) -> Floats:
+    """The matrix of a turn, by Rodrigues' formula."""
+    cross = np.cross(np.eye(3), axis)
+    turned: Floats = (
+        np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    )
+    return turned
+
+
+def shortest_turn(start: Floats, end: Floats) -> Floats:
+    """The least rotation that brings one line of a direction onto another: never more than a quarter turn."""
+    end = end * (1 if start @ end >= 0 else -1)
+    normal = np.cross(start, end)
+    size = np.linalg.norm(normal)
+    return (
+        turn_about(normal / size, float(np.arctan2(size, start @ end)))
+        if size > 1e-15
+        else np.eye(3)
+    )

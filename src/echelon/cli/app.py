@@ -269,6 +269,13 @@ _READING: dict[str, tuple[Any, Any]] = {
         "drives",
     ),
     "ignore": (Ignore, None),
+    "experiment": (
+        Annotated[
+            str,
+            Option(metavar="NAME", help="Which of several experiments to use."),
+        ],
+        "",
+    ),
     "model": (
         Annotated[
             str,
@@ -282,6 +289,17 @@ _READING: dict[str, tuple[Any, Any]] = {
     ),
 }
 """How a robot is read: options by name, with their defaults."""
+
+
+_AS_THEY_ARE = (
+    "floating",
+    "gravity",
+    "keep_fixed_links",
+    "measured",
+    "experiment",
+    "model",
+)
+"""Options that are keywords of ``echelon.load`` themselves."""
 
 
 AS_READ = (
@@ -314,10 +332,7 @@ def reading(**given: Any) -> dict[str, Any]:
     chosen = {name: default for name, (_, default) in _READING.items()} | given
     tolerance = chosen["snap_tolerance"]
     return {
-        **{
-            name: chosen[name]
-            for name in ("floating", "gravity", "keep_fixed_links", "measured", "model")
-        },
+        **{name: chosen[name] for name in _AS_THEY_ARE},
         "symbolic": not chosen["numeric"],
         "independent_mimics": chosen["mimic"] == "independent",
         "massless": tuple(chosen["massless"] or ()),

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         SpecialGeometry,
         SpecialisedMechanism,
     )
+    from echelon.excite import SampledRank
 
 
 def run_derive(
@@ -303,18 +304,31 @@ def run_sensors(
 
     title = f"comparing the sensors of {file.name}"
     with steps(f"{title}: reading robot") as step:
+        robot = load(file, **read)
         report = sensor_report(
-            load(file, **read),
+            robot,
             size,
             seed=seed,
             budget=budget,
             progress=lambda phase: step(f"{title}: {phase}"),
         )
-    deliver(_sensors_json(report) if as_json else _sensors_text(report), None)
+        driven = None
+        if robot.reading is not None and robot.reading.file.motions:
+            from echelon.excite import sampled_rank
+
+            step(f"{title}: rows of the motions that were driven")
+            driven = sampled_rank(robot, seed=seed)
+    if as_json:
+        deliver(_sensors_json(report, driven), None)
+    else:
+        motion = [] if driven is None else ["", f"driven: {driven.to_text()}"]
+        deliver("\n".join([_sensors_text(report).rstrip(), *motion]) + "\n", None)
 
 
-def _sensors_json(report: SensorReport) -> str:
+def _sensors_json(report: SensorReport, driven: SampledRank | None) -> str:
     record = asdict(report) | {"schema": "echelon.sensors/1"}
+    if driven is not None:
+        record["driven"] = driven.to_dict()
     record["ranks"] = [
         {"sensors": list(subset), "rank": rank} for subset, rank in report.ranks.items()
     ]

@@ -49,7 +49,7 @@ Model = Annotated[
 @app.command(
     epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition"
 )
-@reads_robot(*AS_READ)
+@reads_robot(*AS_READ, "experiment")
 def excite(
     setup: SetupFile,
     read: dict[str, Any],
@@ -179,7 +179,7 @@ def excite(
 @app.command(
     epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html"
 )
-@reads_robot(*AS_READ)
+@reads_robot(*AS_READ, "experiment")
 def check_trajectory(
     setup: SetupFile,
     trajectory: Annotated[

@@ -13,7 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from echelon.base import BaseModel, Correspondence, base_of, correspondence
+from echelon.base import (
+    BaseModel,
+    Correspondence,
+    base_of,
+    correspondences,
+    gravity_value,
+)
 from echelon.comparison.inertias import (
     InertialDifference,
     with_effects_of,
@@ -36,6 +42,7 @@ from echelon.robot import (
     characteristic_length,
     lock_joints,
     mechanism_of,
+    renamed,
 )
 from echelon.shared import Floats, InputError, NotNegative, listed, nearest_of, public
 
@@ -96,13 +103,19 @@ def compare(
     """
     robots = [with_stated_effects(_robot(source)) for source in (first, second)]
     one, two = _with_locked(robots, locked or {})
-    pairs = correspondence(one, two, _ALIGNED + one.rounding + two.rounding)
-    one = with_effects_of(one, two, pairs.names)
+    ways = _ways(one, two)
+    names = ways[0].names
+    box, ranges, notes = states_of(one, two, names, limits or {})
+    two = _renamed(two, names)
+    one = with_effects_of(one, two)
     base = base_of(one)
-    two = _with_same_inputs(two, base.mechanism, pairs)
-    inertial = InertialDifference(base, one, two, pairs)
-    box, ranges, notes = states_of(one, two, pairs, limits or {})
-    difference = OutputDifference(_terms(base, two, pairs, inertial), box)
+    inertial = _plainest([InertialDifference(base, one, two, way) for way in ways])
+    pairs = inertial.pairs
+    for way in ways:
+        if way is not pairs:
+            found = "; ".join(map(str, way.differences))
+            notes.append(f"other differences explain the same axes: {found}")
+    difference = OutputDifference(_terms(base, two, inertial), box)
     q, qd, qdd = box.cut(difference.samples)
     x = np.abs(base.regressor(q, qd, qdd))
     noise = inertial.noise_of_base
@@ -117,12 +130,12 @@ def compare(
         if rounded and tolerance is None
         else _verdict(attained, bounds, allowed)
     )
-    names = [(pairs.first.motions[i], pairs.second.motions[j]) for i, j in pairs.pairs]
+    motions = pairs.first.motions, pairs.second.motions
     return Comparison(
         one.name,
         two.name,
         verdict,
-        tuple((motion.name, other.name) for motion, other in names),
+        tuple((motions[0][i].name, motions[1][j].name) for i, j in pairs.pairs),
         pairs.differences,
         _size(pairs.moves[GROUND], characteristic_length(one) * _ALIGNED),
         base.rank,
@@ -168,16 +181,29 @@ def _with_locked(
     return found
 
 
-def _with_same_inputs(
-    two: Mechanism, one: Mechanism, pairs: Correspondence
-) -> Mechanism:
-    """The second robot with the independent coordinates of the first."""
-    if not one.independent:
-        return two
-    places = pairs.places(one.velocities, two.velocities)
-    wanted = [one.velocities.index(name) for name in one.independent]
-    independent = tuple(two.velocities[places.index(place)] for place in wanted)
-    return replace(two, independent=independent)
+def _ways(one: Mechanism, two: Mechanism) -> list[Correspondence]:
+    """The simplest ways to lay the axes of one robot over those of the other."""
+    angle = _ALIGNED + one.rounding + two.rounding
+    length = angle * characteristic_length(one)
+    pulls = gravity_value(one), gravity_value(two)
+    return correspondences(one, two, angle, length, pulls, same_positions=True)
+
+
+def _plainest(found: Sequence[InertialDifference]) -> InertialDifference:
+    """The comparison, of several that explain the axes, in which the fewest values differ."""
+    return min(found, key=lambda one: (one.apart.sum(), one.differs.sum()))
+
+
+def _renamed(two: Mechanism, names: Mapping[str, str]) -> Mechanism:
+    """The second robot with the first one's names of joints and outputs; bodies get names that no joint has."""
+
+    def new_name(name: str) -> str:
+        joint, dot, component = name.rpartition(".")
+        return names.get(name, names.get(joint, joint) + dot + component)
+
+    bodies = (replace(b, name=f".{k}") for k, b in enumerate(two.bodies))
+    found = renamed(replace(two, bodies=tuple(bodies)), new_name)
+    return found if two.reading is None else found.as_read(two.reading)
 
 
 def _base_differences(
@@ -207,61 +233,28 @@ def _base_differences(
 
 
 def _terms(
-    base: BaseModel,
-    two: Mechanism,
-    pairs: Correspondence,
-    inertial: InertialDifference,
+    base: BaseModel, two: Mechanism, inertial: InertialDifference
 ) -> tuple[OutputTerm, ...]:
     """The difference of outputs: of one robot with the differences of base parameters, or of both."""
     one = base.mechanism
-    ours = [output.name for output in one.outputs]
-    theirs = [_renamed(output.name, pairs.names) for output in two.outputs]
+    two = replace(two, independent=one.independent)
+    ours, theirs = ([output.name for output in robot.outputs] for robot in (one, two))
     if sorted(ours) != sorted(theirs):
         raise InputError(
             f"the outputs differ: {listed(ours)} in {one.name}, {listed(theirs)} in {two.name}; state the same in both"
         )
-    q, qd = range(len(one.positions)), range(len(one.independent_velocities))
-    same_sensors = _same_outputs(one, two, pairs)
-    if inertial.complete and not pairs.differences and same_sensors:
+    moves = inertial.pairs.moves.values()
+    # a sensor of wrenches is the same one if its frame is
+    still = all(_size(place, 0.0) == (0.0, 0.0) for place in moves)
+    same = set(one.outputs) == set(two.outputs) and one.actuators == two.actuators
+    alike = not inertial.pairs.differences and inertial.complete
+    if alike and same and (still or not one.cuts):
         apart = np.flatnonzero(inertial.base).tolist() or [0][: base.rank]
         pivots = [base.matrix.pivots[k] for k in apart]
-        return (OutputTerm(one, pivots, inertial.base[apart], q, qd, range(len(ours))),)
-    positions = two.independent_positions if two.closures else two.positions
+        return (OutputTerm(one, one, pivots, inertial.base[apart]),)
     return (
-        OutputTerm(
-            one, range(len(one.parameters)), inertial.first, q, qd, range(len(ours))
-        ),
-        OutputTerm(
-            two,
-            range(len(two.parameters)),
-            -inertial.second,
-            pairs.places(one.positions, positions),
-            pairs.places(one.independent_velocities, two.independent_velocities),
-            [theirs.index(name) for name in ours],
-        ),
-    )
-
-
-def _renamed(output: str, names: Mapping[str, str]) -> str:
-    """The name of an output after the first robot's joints."""
-    joint, dot, component = output.rpartition(".")
-    return names.get(output, names.get(joint, joint) + dot + component)
-
-
-def _same_outputs(one: Mechanism, two: Mechanism, pairs: Correspondence) -> bool:
-    """Whether outputs of one name are one function of wrenches: sensors of wrenches sit in frames that coincide."""
-    if not pairs.by_name:
-        return (
-            one.measured is None
-            and two.measured is None
-            and not one.actuators
-            and not two.actuators
-        )
-    still = all(_size(place, 0.0) == (0.0, 0.0) for place in pairs.moves.values())
-    return (
-        set(one.outputs) == set(two.outputs)
-        and one.actuators == two.actuators
-        and (still or not one.cuts)
+        OutputTerm(one, one, range(len(one.parameters)), inertial.first),
+        OutputTerm(one, two, range(len(two.parameters)), -inertial.second),
     )
 
 

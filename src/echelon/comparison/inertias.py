@@ -7,7 +7,6 @@ no output, whatever its size.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from itertools import combinations
@@ -22,7 +21,6 @@ from echelon.robot import (
     ALL,
     GROUND,
     Action,
-    Effect,
     Mechanism,
     characteristic_length,
     move,
@@ -53,33 +51,17 @@ def with_stated_effects(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, effects=stated).as_read(reading)
 
 
-def with_effects_of(
-    one: Mechanism, two: Mechanism, names: Mapping[str, str]
-) -> Mechanism:
+def with_effects_of(one: Mechanism, two: Mechanism) -> Mechanism:
     """The first robot with the effects that only the second has, as parameters of value zero."""
     own = {effect.actions for effect in one.effects}
     effects = list(one.effects)
     for effect in two.effects:
-        actions = _actions(effect, names)
-        if actions not in own:
-            name = unused(
-                effect.parameter, [*one.parameters, *(e.parameter for e in effects)]
-            )
-            effects.append(replace(effect, parameter=name, actions=actions, value=0.0))
+        if effect.actions not in own:
+            taken = *one.parameters, *(e.parameter for e in effects)
+            name = unused(effect.parameter, taken)
+            effects.append(replace(effect, parameter=name, value=0.0))
     changed = replace(one, effects=tuple(effects))
     return changed if one.reading is None else changed.as_read(one.reading)
-
-
-def _actions(effect: Effect, names: Mapping[str, str]) -> tuple[Action, ...]:
-    """Where an effect acts, by names of the first robot."""
-    renamed = any(name != other for name, other in names.items())
-    for action in effect.actions:
-        if renamed and "[" in action.term:
-            raise InputError(
-                f"'{action.term}' names coordinates, which have other names in the first robot: give both the same",
-                element=f"effect '{effect.parameter}'",
-            )
-    return tuple(replace(a, at=names.get(a.at, a.at)) for a in effect.actions)
 
 
 class InertialDifference:
@@ -104,9 +86,10 @@ class InertialDifference:
         for i, j in [(GROUND, GROUND), *pairs.pairs]:
             self._compare_bodies(i, j)
         self._compare_effects()
+        # standard and base parameters that differ by more than rounding
+        self.differs = np.abs(self.standard) > self.noise
         self.base = self.matrix @ self.standard
         self.noise_of_base = np.abs(self.matrix) @ self.noise
-        # base parameters that differ by more than rounding
         self.apart = np.abs(self.base) > self.noise_of_base
 
     def _stated(self, robot: Mechanism) -> Floats:
@@ -177,11 +160,10 @@ class InertialDifference:
         return np.array([*[second] * 6, *[first] * 3, mass + COMPUTED * weight])
 
     def _compare_effects(self) -> None:
-        names = self.pairs.names
         theirs: dict[tuple[Action, ...], float] = {}
         for effect in self.two.effects:
-            actions = _actions(effect, names)
-            theirs[actions] = theirs.get(actions, 0.0) + (effect.value or 0.0)
+            known = theirs.get(effect.actions, 0.0)
+            theirs[effect.actions] = known + (effect.value or 0.0)
         start = len(self.first) - len(self.one.effects)
         for column, effect in enumerate(self.one.effects, start):
             value = theirs.pop(effect.actions, 0.0)  # of several alike, the first
@@ -191,11 +173,10 @@ class InertialDifference:
     @cached_property
     def cancelled(self) -> tuple[tuple[int, ...], ...]:
         """Bodies whose differences no output shows, alone or together, the smallest groups first."""
-        differs = np.abs(self.standard) > self.noise
         shown: dict[int, Floats] = {}
         for k, start in self.one.first_column.items():
             own = slice(start, start + PER_BODY)
-            if differs[own].any() and len(self.one.bodies[k].carried) == PER_BODY:
+            if self.differs[own].any() and len(self.one.bodies[k].carried) == PER_BODY:
                 shown[k] = self.matrix[:, own] @ self.standard[own]
         found: list[tuple[int, ...]] = []
         for size in range(1, _MOST_TOGETHER + 1):
@@ -216,7 +197,6 @@ class InertialDifference:
         for k in (k for group in self.cancelled for k in group):
             start = self.one.first_column[k]
             shown[start : start + PER_BODY] = False
-        columns = enumerate(self.one.columns)
         return tuple(
             ParameterDifference(
                 column.name,
@@ -226,8 +206,8 @@ class InertialDifference:
                 float(self.first[k] - self.standard[k]),
                 bool(shown[k]),
             )
-            for k, column in columns
-            if abs(self.standard[k]) > self.noise[k]
+            for k, column in enumerate(self.one.columns)
+            if self.differs[k]
         )
 
 

@@ -54,14 +54,32 @@ _SHARP = 1.01
 
 @dataclass(frozen=True, eq=False)
 class OutputTerm:
-    """Outputs of one robot with some parameters, and zero for all others, in the coordinates of the first robot."""
+    """Outputs of a robot with some parameters, and zero for all others, as functions of the first robot's states."""
 
+    first: Mechanism  # whose coordinates and outputs have the same names, perhaps in another order
     mechanism: Mechanism
     columns: Sequence[int]  # of the regressor, whose parameters there are
     values: Floats  # of these parameters, SI units
-    positions: Sequence[int]  # places of its q among the first's
-    velocities: Sequence[int]  # places of its q̇ and q̈
-    rows: Sequence[int]  # its output for every output of the first
+
+    @cached_property
+    def positions(self) -> list[int]:
+        """Places of its positions among the first's: of the independent ones where other loops give the rest."""
+        own = self.mechanism
+        other_loops = own.closures and own is not self.first
+        names = own.independent_positions if other_loops else own.positions
+        return [self.first.positions.index(name) for name in names]
+
+    @cached_property
+    def velocities(self) -> list[int]:
+        """Places of its velocities and accelerations among the first's."""
+        names = self.mechanism.independent_velocities
+        return [self.first.independent_velocities.index(name) for name in names]
+
+    @cached_property
+    def rows(self) -> list[int]:
+        """Its output for every output of the first."""
+        own = [output.name for output in self.mechanism.outputs]
+        return [own.index(output.name) for output in self.first.outputs]
 
     @cached_property
     def _functions(self) -> list[Function]:

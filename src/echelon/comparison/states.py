@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from echelon.base import Correspondence
 from echelon.comparison.inertias import file_of
 from echelon.comparison.outputs import StateBox
 from echelon.excite import changed, resolved_limits
@@ -21,10 +20,9 @@ _ANYWHERE = 1e3  # rad or m, beyond all positions that loops lead to
 
 
 def states_of(
-    one: Mechanism, two: Mechanism, pairs: Correspondence, limits: Mapping[str, Any]
+    one: Mechanism, two: Mechanism, names: Mapping[str, str], limits: Mapping[str, Any]
 ) -> tuple[StateBox, dict[str, tuple[float, float]], list[str]]:
     """States within the limits that are given, or that the first robot's file or the second's states."""
-    names = pairs.names
     stated = _stated_limits(one)
     others = {names[name]: found for name, found in _stated_limits(two).items()}
     notes = []

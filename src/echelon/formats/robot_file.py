@@ -34,6 +34,7 @@ from echelon.shared import (
     InputError,
     Measured,
     locating,
+    nearest_of,
     parse_xml,
     public,
     read_content,
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from echelon.formats.description.document import Document
     from echelon.formats.mjcf.mjcf_model import MjcfDocument
     from echelon.formats.schema.robot_schema import RobotDescription
+    from echelon.formats.schema.schema_experiments import ExperimentEntry
 
 
 _DESCRIPTIONS = (".yaml", ".yml", ".json")
@@ -205,7 +207,7 @@ class RobotFile:
             mechanism = with_usual_effects(
                 mechanism, {} if tree is None else tree.drives
             )
-        mechanism = self._experiments(mechanism)
+        mechanism = self._experiments(mechanism, options.experiment)
         couples = tree is not None and tree.has_mimics
         in_world = self.robot is not None and self.robot.root.tag != "robot"
         questions = tuple(
@@ -218,9 +220,11 @@ class RobotFile:
             Reading(built.snaps, notes, self, options, couples, built.driven)
         )
 
-    def _experiments(self, mechanism: Mechanism) -> Mechanism:
-        """The experiments that a description makes with a robot, as one mechanism."""
+    def _experiments(self, mechanism: Mechanism, chosen: str) -> Mechanism:
+        """The experiments that a description makes with a robot, as one mechanism, or one of them alone."""
         stated = self.description.experiments if self.is_description else ()
+        if chosen:
+            stated = (self._experiment(chosen),)
         if not stated:
             return mechanism
         bases = tuple(entry for entry in stated if isinstance(entry, str))
@@ -229,6 +233,25 @@ class RobotFile:
         entries = [entry.model_dump() for entry in stated if not isinstance(entry, str)]
         with locating(self.source):
             return joined([Experiment(mechanism, **entry) for entry in entries])
+
+    def _experiment(self, name: str) -> ExperimentEntry:
+        """One of the experiments that a description states."""
+        stated = self.description.experiments if self.is_description else ()
+        entries = {e.name: e for e in stated if not isinstance(e, str)}
+        if name not in entries:
+            raise InputError(
+                f"there is no experiment '{name}'{nearest_of(name, list(entries))}",
+                source=self.source,
+            )
+        return entries[name]
+
+    @property
+    def motions(self) -> dict[str, Path]:
+        """Tables of motions that were driven, by experiment."""
+        stated = self.description.experiments if self.is_description else ()
+        motions = {e.name: e.motion for e in stated if not isinstance(e, str)}
+        folder = Path(self.source).parent
+        return {name: folder / path for name, path in motions.items() if path}
 
     def _asked(self) -> list[str]:
         """A note on what is ignored on request."""
@@ -335,6 +358,7 @@ def load(
     locked: Mapping[str, float] | None = None,
     ignore: Sequence[str] = (),
     model: str = "",
+    experiment: str = "",
 ) -> Mechanism:
     """Read a robot description.
 
@@ -374,6 +398,8 @@ def load(
         moves, unless it is listed here.
     model : str
         Name of the model to read from an SDF file in which several have joints.
+    experiment : str
+        Name of the one of a description's experiments that is read alone, with the robot's own names.
 
     Returns
     -------
@@ -407,6 +433,7 @@ def load(
         measured=measured,
         locked=locked or {},
         ignore=tuple(ignore),
+        experiment=experiment,
     )
     return open_robot(robot, model).mechanism(options)
 

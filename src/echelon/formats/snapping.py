@@ -110,6 +110,7 @@ class ReadingOptions:
     locked: Mapping[str, float] = field(default_factory=dict)
     # elements and attributes of a robot file that are ignored, though they may change how it moves
     ignore: tuple[str, ...] = ()
+    experiment: str = ""  # the one of several that is read alone
 
     def __post_init__(self) -> None:
         if not 0 <= self.snap_tolerance <= 0.1:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
+from os import PathLike
 from typing import Any, TypeVar
 
 import numpy as np
@@ -72,6 +73,8 @@ class Experiment:
         Contacts of the robot that touch, by name; all of them if omitted.
     open_loops : bool
         Whether the robot's loops are open in this experiment.
+    motion : mapping of str to array, or path-like, optional
+        What was driven, for :func:`echelon.sampled_rank`; base parameters are those of all motions.
 
     Raises
     ------
@@ -95,6 +98,7 @@ class Experiment:
     payloads: Mapping[str, str] = field(default_factory=dict)
     contacts: Sequence[str] | None = None
     open_loops: bool = False
+    motion: Mapping[str, Any] | str | PathLike[str] | None = None
 
     @cached_property
     def mechanism(self) -> Mechanism:
@@ -260,13 +264,14 @@ def joined(experiments: Sequence[Experiment]) -> Mechanism:
     whole = _stacked(named)
     readings = [m.reading for m in (mechanism_of(e.robot) for e in named)]
     known = [reading for reading in readings if reading is not None]
-    if not known:
+    files = _Files(tuple(named))
+    if not known and not files.motions:
         return whole
     return whole.as_read(
         Reading(
             tuple(dict.fromkeys(snap for r in known for snap in r.snaps)),
             tuple(dict.fromkeys(note for r in known for note in r.notes)),
-            _Files(tuple(named)),
+            files,
             None,
         )
     )
@@ -277,6 +282,11 @@ class _Files:
     """The files of the robots of some experiments."""
 
     experiments: tuple[Experiment, ...]
+
+    @property
+    def motions(self) -> dict[str, Any]:
+        """What was driven, by experiment."""
+        return {e.name: e.motion for e in self.experiments if e.motion is not None}
 
     def mechanism(
         self,

@@ -491,6 +491,11 @@ class ReadableFile(Protocol):
         """The robot, with the numbers of some elements taken literally."""
         ...
 
+    @property
+    def motions(self) -> Mapping[str, Any]:
+        """What was driven, by experiment."""
+        ...
+
 
 @dataclass(frozen=True)
 class Reading:

@@ -199,7 +199,7 @@ def read_samples(
     Columns ``qd_<name>`` and ``qdd_<name>`` need not be there.
     """
     log = open_log(path)
-    positions = _positions(log.names, coordinates, log.source)
+    positions = position_columns(log.names, coordinates, log.source)
     wanted = dict(zip(coordinates, positions, strict=True))
     _check_surplus(log.names, wanted, log.source)
     _check_units(
@@ -245,7 +245,7 @@ def _units(coordinates: Sequence[str], units: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _positions(
+def position_columns(
     names: Sequence[str], coordinates: Sequence[str], source: str
 ) -> list[str]:
     """Columns with positions: all with a prefix, or all without."""

@@ -75,6 +75,11 @@ class ExperimentEntry(Model):
         None, "Contacts that touch; default: all.", ["FL_foot", "RR_foot"]
     )
     open_loops: Flag = optional(False, "The loops are open.", True)
+    motion: str | None = optional(
+        None,
+        "Table of the motion that was driven, with columns t, q_<name> and perhaps qd_<name>, qdd_<name>.",
+        "wall.csv",
+    )
 
 
 Experiments = tuple[

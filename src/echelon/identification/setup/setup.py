@@ -197,8 +197,8 @@ def _check_single(setup: Setup) -> None:
     mechanism = setup.mechanism
     if mechanism.experiments:
         raise InputError(
-            f"it states the experiments {in_quotes(mechanism.experiments)}, and a log or a motion belongs to one: "
-            f"leave the others out, or add their observations in Python ({page('experiments')})",
+            f"it states the experiments {in_quotes(mechanism.experiments)}, and a log or a motion belongs to one: name "
+            f"it (experiment=, --experiment of excite), or add their observations in Python ({page('experiments')})",
             source=setup.source,
             element="experiments",
         )
