@@ -104,6 +104,8 @@ def identify(
     step = on_step or (lambda _: None)
     lists = setup.states_effects
     mounted = not is_unknown(setup.mechanism)
+    if setup.experiments and not mounted:
+        raise InputError("state gravity: of experiments its direction is not found", source=setup.source)
     if not mounted:
         setup = replace(setup, mechanism=standing(setup.mechanism))
 
@@ -143,10 +145,10 @@ def _completed(
     That is the inertia of rotors, delays of outputs if nothing else is wrong with the readings, and the direction of
     gravity if the robot is not ``mounted``.
     """
-    lists, mechanism = setup.states_effects, setup.mechanism
+    lists = setup.states_effects
     for some in judged:
         if not mounted and some.gravity is not None and any(some.gravity):
-            turned = with_gravity(mechanism, np.array(some.gravity))
+            turned = with_gravity(setup.mechanism, np.array(some.gravity))
             return replace(setup, mechanism=turned), [
                 finding(some, lists_effects=lists, taken=True)
             ]
@@ -159,6 +161,7 @@ def _completed(
         readings
         and not rotors_first
         and setup.preparation.delays is None
+        and not setup.experiments
         and all(some.delays for some in readings)
     ):
         preparation = setup.preparation.model_copy(
@@ -167,7 +170,7 @@ def _completed(
         late = [finding(some, lists_effects=lists, taken=True) for some in readings]
         return replace(setup, preparation=preparation), late
     drives = {place for some in rotors for place in some.places}
-    lifted = _lifted(result) - drives
+    lifted = set() if setup.experiments else _lifted(result) - drives
     if not (drives or lifted) or not setup.usual:
         return setup, []
     said = [finding(some, lists_effects=lists, taken=True) for some in rotors]
@@ -175,7 +178,7 @@ def _completed(
         [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
     )
     # a robot has geared drives or not; a rotor that cannot be told from zero does no harm
-    return replace(setup, mechanism=with_rotors(mechanism)), said
+    return setup.with_robot(with_rotors), said
 
 
 def _lifted(result: Identification) -> set[str]:
@@ -224,7 +227,9 @@ def _fitted(
     with one_thread():
         step("deriving the base parameters")
         base = base_parameters(started(setup.mechanism), seed=setup.seed)
-        fitted_logs, unseen_logs = _split_logs(given, others, settings.holdout)
+        # of experiments the ends of all logs are held out, as each may have but one
+        share = 0.0 if base.mechanism.experiments else settings.holdout
+        fitted_logs, unseen_logs = _split_logs(given, others, share)
         surveyed = survey(setup, base, fitted_logs, unseen_logs)
         plan = LogPlan(
             base,

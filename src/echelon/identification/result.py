@@ -16,7 +16,7 @@ from echelon.identification.logs.finding import Finding, counted
 from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
-from echelon.identification.scores import Validation
+from echelon.identification.scores import Score, Validation
 from echelon.identification.verdict import by_role
 from echelon.shared import Floats, InputError, extra, one_line, public
 
@@ -59,23 +59,23 @@ def fitted_ranges(
     preparation: Preparation, fitted: Validation
 ) -> tuple[FittedRange, ...]:
     """Ranges of all outputs, by the scores of all fitted logs together."""
-    still, band = preparation.still or 0.0, preparation.band or np.inf
-    slowest = (
-        still
-        if isinstance(still, Mapping)
-        else {score.output: still for score in fitted.scores}
-    )
-    return tuple(
-        FittedRange(
-            score.output,
-            band,
-            slowest.get(score.output, 0.0),
-            score.fastest,
-            "m/s" if score.unit == "N" else "rad/s",
-            score.rows,
-            score.rows - score.moving.rows,
-        )
-        for score in fitted.scores
+    return tuple(_range(preparation, score) for score in fitted.scores)
+
+
+def _range(preparation: Preparation, score: Score) -> FittedRange:
+    experiment, _, name = score.output.partition(".")
+    own = preparation.experiments.get(experiment)
+    name = score.output if own is None else name
+    own = own or preparation
+    still = own.still or 0.0
+    return FittedRange(
+        score.output,
+        own.band or np.inf,
+        still.get(name, 0.0) if isinstance(still, Mapping) else still,
+        score.fastest,
+        "m/s" if score.unit == "N" else "rad/s",
+        score.rows,
+        score.rows - score.moving.rows,
     )
 
 
