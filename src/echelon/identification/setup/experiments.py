@@ -25,7 +25,7 @@ from echelon.identification.setup.setup import Setup
 from echelon.robot import Experiment
 from echelon.shared import InputError, in_quotes
 
-RARE = 0.01
+RARE = 0.1
 """Share of the samples below which a set of contacts is no experiment of its own: feet bounce as they land.  Its samples
 count as those of a larger set, which is right whatever forces act."""
 

@@ -366,6 +366,14 @@ class _LogSection:
         # values of symbols, and of joints that are locked
         self.known = {**resting, **known_values(mechanism), PI: math.pi}
         self.sensors: dict[str, MotionSensor] = {}
+        # a floating base is named where contacts hold the robot: patterns are for joints
+        bases = [b for b in mechanism.bodies if b.joint.kind in ("floating", "free")]
+        self.bases = {
+            name
+            for body in bases if mechanism.contacts
+            for motion in body.joint.motions
+            for name in (*motion.positions, *motion.velocities)
+        }
         # coordinates whose velocities are their derivatives, which those of balls are not
         self.single = [n for n in mechanism.velocities if n in mechanism.positions]
 
@@ -494,7 +502,7 @@ class _LogSection:
     def _filled(
         self, entry: Column, path: str, names: Iterable[str]
     ) -> Iterator[tuple[str, Channel]]:
-        for i, name in enumerate(names):
+        for i, name in enumerate(n for n in names if n not in self.bases):
             yield name, self._channel(entry, path, {"n": i + 1, "i": i, "name": name})
 
     def _channel(
