@@ -324,6 +324,7 @@ def _fitted(
             *([] if conditions.is_complete else [conditions.verdict]),
         ),
         hypotheses=tuple(told),
+        experiments=setup.experiments,
     )
     return result, judged
 

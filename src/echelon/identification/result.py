@@ -18,6 +18,7 @@ from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.scores import Score, Validation
 from echelon.identification.verdict import by_role
+from echelon.robot import Experiment, Mechanism, mechanism_of
 from echelon.shared import Floats, InputError, extra, one_line, public
 
 if TYPE_CHECKING:
@@ -137,6 +138,8 @@ class Identification:
         Why the model should not be used; empty if nothing speaks against it.
     hypotheses : tuple of Judged
         What may be wrong or lacking, as it was judged: those that explain what the model leaves, and the next best.
+    experiments : tuple of Experiment
+        The experiments that the logs are of; none where they are of one robot in one set-up.
     """
 
     base: BaseModel
@@ -154,6 +157,7 @@ class Identification:
     verdict: str = ""
     reasons: tuple[str, ...] = ()
     hypotheses: tuple[Judged, ...] = ()
+    experiments: tuple[Experiment, ...] = ()
 
     @property
     def pooled(self) -> tuple[Validation, ...]:
@@ -164,6 +168,13 @@ class Identification:
     def ranges(self) -> tuple[FittedRange, ...]:
         """Band, speeds and left-out rows of every output; elsewhere the model extrapolates."""
         return fitted_ranges(self.preparation, self.pooled[0])
+
+    @property
+    def robot(self) -> Mechanism:
+        """The robot; of experiments that of the first one."""
+        if not self.experiments:
+            return self.base.mechanism
+        return mechanism_of(self.experiments[0].robot)
 
     @property
     def values(self) -> Floats:

@@ -208,7 +208,18 @@ def _beginnings(plan: LogPlan, paths: Sequence[Path]) -> Iterator[Samples]:
 
 
 def _travels(base: BaseModel, samples: Sequence[Samples]) -> Iterator[Travel]:
-    of = base.mechanism
+    groups: dict[str, list[Samples]] = {}
+    for some in samples:
+        groups.setdefault(some.experiment, []).append(some)
+    rows = ModelRows.of(base, samples)
+    for experiment, group in groups.items():
+        mechanism = rows.own(group[0]).base.mechanism
+        prefix = f"{experiment}." if experiment else ""
+        for travel in _travels_in(mechanism, group):
+            yield replace(travel, coordinate=prefix + travel.coordinate)
+
+
+def _travels_in(of: Mechanism, samples: Sequence[Samples]) -> Iterator[Travel]:
     q, qd = (
         np.concatenate([getattr(some, name) for some in samples])
         for name in ("q", "qd")

@@ -119,9 +119,8 @@ def map_of(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
     longest = max((len(some.experiment) for some in columns), default=0)
     columns = [some for some in columns if len(some.experiment) == longest]
     if len({some.experiment for some in columns}) != 1:
-        said = listed(some.experiment for some in columns) or "none"
-        problem = f"its name says of {said} of the experiments {listed(known)} that it is the log: give the file a name "
-        problem += "with one of them as a word, such as run1_" + known[0] + ".csv, or state  files: [\"…\"]  under log"
+        problem = f"which of the experiments {listed(known)} it is of, its name does not tell: give the file a name with one "
+        problem += f"of them as a word, such as run1_{known[0]}.csv, or state  files: [\"…\"]  under log"
         raise InputError(problem, source=log.source)
     lacking = [
         sum(name not in log.names for name in needed_columns(some)) for some in columns

@@ -91,4 +91,6 @@ def with_phases(setup: Setup, paths: Paths) -> Setup:
         chosen = [name for name, flag in zip(names, some, strict=True) if flag]
         title = re.sub(r"\W", "_", "_".join(chosen)) or "air"
         experiments.append(Experiment(setup.mechanism, title, contacts=chosen))
-    return setup.of_experiments(experiments)
+    text = f"contacts touch together as {in_quotes([e.name for e in experiments])}, each an experiment; rarer sets count "
+    text += "as larger ones"
+    return replace(setup, assumed=(*setup.assumed, text)).of_experiments(experiments)

@@ -21,7 +21,7 @@ from echelon.identification.logs.columns.by_values import is_still
 from echelon.identification.logs.columns.column_guess import guess
 from echelon.identification.logs.columns.column_map import Channel, ColumnMap
 from echelon.identification.logs.columns.column_names import is_output
-from echelon.identification.logs.columns.conversion import needed_columns
+from echelon.identification.logs.columns.conversion import needed_columns, unpushed
 from echelon.identification.logs.columns.magnitudes import with_units
 from echelon.identification.logs.files.log_file import LogFile, Table
 from echelon.identification.logs.files.numpy_file import MemoryLog
@@ -66,7 +66,7 @@ def with_logs(
         for some in (logs, others)
     )
     if setup.columns:
-        return with_phases(setup, fitted), fitted, unseen
+        return with_phases(_resting_on(setup), fitted), fitted, unseen
     kinds: dict[tuple[str, ...], LogFile] = {}
     for path in (*fitted, *unseen):
         file = opened(path)
@@ -85,6 +85,17 @@ def with_logs(
             assumed=(*setup.assumed, *notes),
         )
     return setup, fitted, unseen
+
+
+def _resting_on(setup: Setup) -> Setup:
+    """The set-up with what is taken for granted of a robot in contact."""
+    if not setup.mechanism.contacts:
+        return setup
+    text = "forces at contacts are taken off both sides of the equations of motion, and nobody asks what else may be wrong "
+    text += "or lacking in these logs"
+    if unpushed(setup.mechanism):
+        text = f"nothing but its contacts pushes the floating base; {text}"
+    return replace(setup, assumed=(*setup.assumed, text))
 
 
 def _of_experiments(
@@ -108,7 +119,7 @@ def _of_experiments(
         elif name:
             stated = [some for some in setup.columns if some.experiment == name]
             columns += [replace(some, files=(str(path),)) for some in stated]
-    setup = replace(setup, columns=(*columns, *setup.columns))
+    setup = _resting_on(replace(setup, columns=(*columns, *setup.columns)))
     first, second = (tuple(path for _, path in some) for some in (fitted, unseen))
     return told_apart(setup, first, second), first, second
 

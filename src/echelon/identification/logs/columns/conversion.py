@@ -517,20 +517,24 @@ def _solved(
 # -- outputs ----------------------------------------------------------------------------------------------------------
 
 
+def unpushed(mechanism: Mechanism) -> list[str]:
+    """Outputs of the floating base of a robot in contact, which no drive pushes."""
+    free = floating_velocities(mechanism) if mechanism.contacts else ()
+    return [
+        output.name
+        for output in mechanism.outputs
+        if output.forces and all(force.at in free for force, _ in output.forces)
+    ]
+
+
 def measured_outputs(mechanism: Mechanism, given: Given) -> Floats:
     """Outputs (N, outputs) from columns by output or actuator, SI units; joint forces also as τ_q = Tᵀ τ_θ.
 
     Nothing but its contacts pushes the floating base of a robot that has some.
     """
     check_names(mechanism, "output", given)
-    free = floating_velocities(mechanism) if mechanism.contacts else ()
     rest = np.zeros(len(next(iter(given.values()))))
-    at_base = {
-        output.name: rest
-        for output in mechanism.outputs
-        if output.forces and all(force.at in free for force, _ in output.forces)
-    }
-    given = {**at_base, **given}
+    given = {**dict.fromkeys(unpushed(mechanism), rest), **given}
     names = {output.name for output in mechanism.outputs}
     motors = {name: values for name, values in given.items() if name not in names}
     missing = [output for output in mechanism.sensed if output.name not in given]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from echelon.identification.logs.columns.conversion import is_contact_input, unpushed
 from echelon.identification.logs.columns.column_map import (
     Series,
     motion_of,
@@ -201,8 +202,12 @@ class _Examination:
 
     def look_for_constants(self) -> None:
         """Report channels that never change, and keep the others for what follows."""
-        moving = []
+        moving, silent = [], set(unpushed(self.mechanism))
         for channel in series(self.recording, self.mechanism):
+            if is_contact_input(channel.name) or (
+                channel.name in silent and channel.signal == "y"
+            ):
+                continue
             values = self.used(channel.values)
             if len(values) and np.ptp(values) > 0:
                 moving.append(channel)
