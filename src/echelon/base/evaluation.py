@@ -344,7 +344,9 @@ class Evaluation(ABC):
         ]
         forces[:, measured] = 0.0
         if unknown is not None and np.any(unknown):
-            alone = np.eye(len(deviations)) * np.asarray(unknown, dtype=bool)[:, :, None]
+            alone = (
+                np.eye(len(deviations)) * np.asarray(unknown, dtype=bool)[:, :, None]
+            )
             forces = np.concatenate([forces, alone], axis=1)
         projectors = np.eye(len(deviations)) - np.linalg.pinv(forces) @ forces
         found: Floats = projectors / deviations

@@ -118,8 +118,8 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
         standard = [known[name] for name in mechanism.parameters]
         for robot in identified_robot(mechanism, standard, setup.robot_file, remarks):
             files[robot.name] = robot.text
-    base, names = result.base, result.base.mechanism.experiments
-    base = base.experiment(names[0]) if names else base
+    base, experiments = result.base, result.base.mechanism.experiments
+    base = base.experiment(experiments[0]) if experiments else base
     # in contact base parameters determine no forces of drives
     if target != NO_CODE and not base.mechanism.contacts:
         from echelon.codegen import generate

@@ -78,7 +78,10 @@ class Noisy:
     @property
     def is_known(self) -> bool:
         """Whether it is small enough for its first order to be all of it."""
-        return self.corrects and float(np.abs(np.linalg.eigvals(self.lost)).max()) < FIRST_ORDER
+        return (
+            self.corrects
+            and float(np.abs(np.linalg.eigvals(self.lost)).max()) < FIRST_ORDER
+        )
 
     @property
     def finding(self) -> Finding:

@@ -105,7 +105,10 @@ def identify(
     lists = setup.states_effects
     mounted = not is_unknown(setup.mechanism)
     if setup.experiments and not mounted:
-        raise InputError("state gravity: of experiments its direction is not found", source=setup.source)
+        raise InputError(
+            "state gravity: of experiments its direction is not found",
+            source=setup.source,
+        )
     if not mounted:
         setup = replace(setup, mechanism=standing(setup.mechanism))
 

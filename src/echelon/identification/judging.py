@@ -83,7 +83,9 @@ def judged_fit(
         taken, told = list[Judged](), list[Judged]()
         for name, judge in parts:
             judge = replace(judge, doubtful=is_doubtful)
-            taken += [_in(name, some) for some in (judge.run() if judge.is_told else [])]
+            taken += [
+                _in(name, some) for some in (judge.run() if judge.is_told else [])
+            ]
             told += [_in(name, some) for some in judge.told]
         return taken, told
     base = data.plan.base
@@ -107,7 +109,9 @@ def _parts(
 ) -> Iterator[tuple[str, Judge]]:
     """Judges of the experiments that nothing touches, each with base parameters of its own."""
     base = data.plan.base
-    standard = dict(zip(base.parameters, np.linalg.pinv(base.B_float()) @ values, strict=True))
+    standard = dict(
+        zip(base.parameters, np.linalg.pinv(base.B_float()) @ values, strict=True)
+    )
     for name in base.mechanism.experiments:
         mechanism = base.experiment(name).mechanism
         if mechanism.contacts:
@@ -121,7 +125,9 @@ def _parts(
         if prior is not None:
             known = dict(zip(base.parameters, prior.values, strict=True))
             mine = np.array([known[p] for p in judge.base.parameters])
-            judge.prior = replace(prior, values=mine).base_values(judge.base, judge.states.symbols)
+            judge.prior = replace(prior, values=mine).base_values(
+                judge.base, judge.states.symbols
+            )
         yield name, judge
 
 

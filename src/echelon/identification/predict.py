@@ -121,9 +121,7 @@ def _at_rows(
     time, outputs = piece.recording.time, piece.mechanism.outputs
     preparation = plan.preparation.of(piece.experiment)
     found = np.full((len(time), len(outputs)), np.nan)
-    delays = [
-        (preparation.delays or {}).get(output.name, 0.0) for output in outputs
-    ]
+    delays = [(preparation.delays or {}).get(output.name, 0.0) for output in outputs]
     for start, rate, guess in _stretches(preparation, model, values, piece):
         clock = start + np.arange(len(guess)) / rate
         rows = np.flatnonzero(

@@ -75,7 +75,9 @@ def survey(
         findings += made[name].findings
     if len(made) == 1 and "" in made:
         return replace(made[""], findings=tuple(findings))
-    return Survey(_of_all({n: some.preparation for n, some in made.items()}), tuple(findings))
+    return Survey(
+        _of_all({n: some.preparation for n, some in made.items()}), tuple(findings)
+    )
 
 
 def _of_all(made: Mapping[str, Preparation]) -> Preparation:
@@ -124,8 +126,7 @@ def _short(
     if not short:
         return []
     needed = (
-        PreparationPlan(preparation, mechanism, short[0].rate).needed
-        / short[0].rate
+        PreparationPlan(preparation, mechanism, short[0].rate).needed / short[0].rate
     )
     lost = sum(len(segment) / segment.rate for segment in short)
     stretches = counted(len(short), "stretch is", "stretches are")

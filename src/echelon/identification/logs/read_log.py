@@ -52,7 +52,9 @@ class LogPiece:
     segments: tuple[Segment, ...]  # its uninterrupted stretches
     findings: tuple[Finding, ...]  # what is wrong with it, or worth knowing
     recording: Recording  # as it was logged, row by row
-    mechanism: Mechanism  # that the log is of: that of its experiment, where there are several
+    mechanism: (
+        Mechanism  # that the log is of: that of its experiment, where there are several
+    )
     experiment: str = ""
 
 
@@ -76,7 +78,9 @@ def read_log(
         columns = [*columns, *(replace(some, outputs={}) for some in columns)]
     chosen = map_of(log, columns)
     if mechanism.experiments:
-        mechanism = experiment_of(mechanism, chosen.experiment or _touching_most(mechanism))
+        mechanism = experiment_of(
+            mechanism, chosen.experiment or _touching_most(mechanism)
+        )
     findings = surplus_columns(chosen, log.names, mechanism)
     tables = log.tables(_needed(chosen, log.names, log.source))
     table, following = next(tables, None), next(tables, None)
@@ -120,7 +124,7 @@ def map_of(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
     columns = [some for some in columns if len(some.experiment) == longest]
     if len({some.experiment for some in columns}) != 1:
         problem = f"which of the experiments {listed(known)} it is of, its name does not tell: give the file a name with one "
-        problem += f"of them as a word, such as run1_{known[0]}.csv, or state  files: [\"…\"]  under log"
+        problem += f'of them as a word, such as run1_{known[0]}.csv, or state  files: ["…"]  under log'
         raise InputError(problem, source=log.source)
     lacking = [
         sum(name not in log.names for name in needed_columns(some)) for some in columns

@@ -140,7 +140,9 @@ class ModelRows:
         if not names:
             return {"": self}
         models = {name: self.base.experiment(name) for name in names}
-        return {n: ModelRows(base, self.source, self.symbols) for n, base in models.items()}
+        return {
+            n: ModelRows(base, self.source, self.symbols) for n, base in models.items()
+        }
 
     @property
     def is_plain(self) -> bool:
@@ -154,7 +156,9 @@ class ModelRows:
             return self
         if samples.experiment:
             return self.parts[samples.experiment]
-        return max(self.parts.values(), key=lambda rows: len(rows.base.mechanism.contacts))
+        return max(
+            self.parts.values(), key=lambda rows: len(rows.base.mechanism.contacts)
+        )
 
     def named(self, samples: Samples) -> list[tuple[str, str]]:
         """Names and units of the outputs of some samples, in which validations name them."""
@@ -176,7 +180,9 @@ class ModelRows:
             names = [output.name for output in part.base.mechanism.outputs]
             rows, columns = part.base.sparsity
             outputs += [f"{name}.{output}" if name else output for output in names]
-            kept += [tuple(sorted(columns[rows == k].tolist())) for k in range(len(names))]
+            kept += [
+                tuple(sorted(columns[rows == k].tolist())) for k in range(len(names))
+            ]
         return Layout(tuple(outputs), tuple(self.base.pivots), tuple(kept))
 
     def blocks(self) -> Iterator[RowBlock]:
@@ -223,7 +229,9 @@ class ModelRows:
             times[place], matrices[place], y[place] = (
                 some[k] for some in (block.times, block.matrices, block.y)
             )
-        return RowBlock(block.source, block.segment, tuple(times), tuple(matrices), tuple(y))
+        return RowBlock(
+            block.source, block.segment, tuple(times), tuple(matrices), tuple(y)
+        )
 
     # -- contacts ----------------------------------------------------------------------------------------------------
 
@@ -234,7 +242,9 @@ class ModelRows:
             for part in self.parts.values()
         ]
         if samples.experiment or len(sets) == 1:
-            place = list(self.parts).index(samples.experiment) if samples.experiment else 0
+            place = (
+                list(self.parts).index(samples.experiment) if samples.experiment else 0
+            )
             return np.full(len(samples), place)
         names = [contact.name for contact in self.own(samples).base.mechanism.contacts]
         flags = touching(samples.inputs, names)
@@ -254,14 +264,21 @@ class ModelRows:
 
     def projectors(self, samples: Samples, phases: Integers) -> Floats:
         """Matrices (N, outputs, outputs) that take unknown forces off the outputs of some samples."""
-        unknown = np.zeros((len(samples), len(self.own(samples).base.mechanism.outputs)), dtype=bool)
-        for flags in (samples.pinned, None if samples.moving is None else ~samples.moving):
+        unknown = np.zeros(
+            (len(samples), len(self.own(samples).base.mechanism.outputs)), dtype=bool
+        )
+        for flags in (
+            samples.pinned,
+            None if samples.moving is None else ~samples.moving,
+        ):
             unknown |= False if flags is None else flags
         found = np.empty((*unknown.shape, unknown.shape[1]))
         for k, part in enumerate(self.parts.values()):
             some = phases == k
             if some.any():
-                found[some] = _projectors(part.base, samples.q[some], unknown[some], self.symbols)
+                found[some] = _projectors(
+                    part.base, samples.q[some], unknown[some], self.symbols
+                )
         return found
 
     def free(self, samples: Samples, signals: Floats) -> tuple[Samples, Floats]:
@@ -272,15 +289,15 @@ class ModelRows:
         return replace(samples, moving=None, pinned=None), T @ signals
 
     def _free_blocks(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
-        own, phases = self.own(samples), self.phases(samples)
-        assert samples.y is not None
+        own, phases, y = self.own(samples), self.phases(samples), samples.y
+        assert y is not None
         for start, stop in self._windows(samples, _FREE_WINDOW):
             low, high = self._around(samples, (start, stop))
             part = samples.cut(slice(low, high))
             regressor = own.base.regressor(
                 part.q, part.qd, part.qdd, self.symbols, inputs_of_effects(part)
             )
-            table = np.concatenate([regressor, part.y[:, :, None]], axis=2)
+            table = np.concatenate([regressor, y[low:high, :, None]], axis=2)
             table = self.projectors(part, phases[low:high]) @ table
             kept = np.arange(high - low)
             if samples.reduction is not None:
@@ -290,7 +307,9 @@ class ModelRows:
                 )
             places = low + kept
             inside = (places >= max(start, samples.first)) & (places < stop)
-            yield self._by_phase(samples, segment, places[inside], phases, table[inside])
+            yield self._by_phase(
+                samples, segment, places[inside], phases, table[inside]
+            )
 
     def _by_phase(
         self,
@@ -313,7 +332,9 @@ class ModelRows:
             at = samples.start + places[some] / samples.rate
             times[place] = np.repeat(at, table.shape[1])
             matrices[place], y[place] = rows[:, :-1], rows[:, -1]
-        return RowBlock(samples.source, segment, tuple(times), tuple(matrices), tuple(y))
+        return RowBlock(
+            samples.source, segment, tuple(times), tuple(matrices), tuple(y)
+        )
 
     # -- factors of single models ------------------------------------------------------------------------------------
 
@@ -332,9 +353,10 @@ class ModelRows:
         """The outputs at all samples, before any filter; shape (N, outputs); without forces at contacts."""
         own = self.own(samples)
         if own.base.mechanism.contacts:
-            return own.base.regressor(
-                samples.q, samples.qd, samples.qdd, self.symbols, inputs_of_effects(samples)
-            ) @ np.asarray(values, dtype=float)
+            q, qd, qdd = samples.q, samples.qd, samples.qdd
+            inputs = inputs_of_effects(samples)
+            regressor = own.base.regressor(q, qd, qdd, self.symbols, inputs)
+            return np.asarray(regressor @ np.asarray(values, dtype=float))
         if own is not self:
             return own.predict(samples_alone(samples), values)
         return self.base.predict(

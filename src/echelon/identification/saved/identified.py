@@ -170,9 +170,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
 
 def _preparation(preparation: Preparation) -> dict[str, Any]:
     """A preparation with an infinite cut-off, which means no filter, as a word."""
-    found = {
-        key: "inf" if value == math.inf else value for key, value in preparation
-    }
+    found = {key: "inf" if value == math.inf else value for key, value in preparation}
     own = preparation.experiments.items()
     return {**found, "experiments": {name: _preparation(some) for name, some in own}}
 

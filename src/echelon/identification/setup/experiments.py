@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from echelon.identification.logs.columns.column_map import ColumnMap
 from echelon.identification.logs.columns.conversion import touching
 from echelon.identification.logs.files.open_log import log_paths
 from echelon.identification.logs.finding import listed
@@ -26,8 +25,8 @@ from echelon.robot import Experiment
 from echelon.shared import InputError, in_quotes
 
 RARE = 0.1
-"""Share of the samples below which a set of contacts is no experiment of its own: feet bounce as they land.  Its samples
-count as those of a larger set, which is right whatever forces act."""
+"""Share of the samples below which a set of contacts is no experiment of its own, as of feet that bounce when they land:
+its samples count as those of a larger set, which is right whatever forces act."""
 
 Paths = tuple[Path, ...]
 
@@ -79,8 +78,8 @@ def with_phases(setup: Setup, paths: Paths) -> Setup:
             flags, number = np.unique(
                 touching(piece.recording.inputs, names), axis=0, return_counts=True
             )
-            sets = map(tuple, flags.tolist())
-            counts.update(dict(zip(sets, number.tolist(), strict=True)))
+            found = map(tuple, flags.tolist())
+            counts.update(dict(zip(found, number.tolist(), strict=True)))
     total = counts.total()
     common = [some for some, count in counts.most_common() if count >= RARE * total]
     sets = dict.fromkeys([(True,) * len(names), *common])

@@ -146,7 +146,9 @@ class Setup:
         """
         if not self.experiments:
             return replace(self, mechanism=change(self.mechanism))
-        changed = [replace(e, robot=change(mechanism_of(e.robot))) for e in self.experiments]
+        changed = [
+            replace(e, robot=change(mechanism_of(e.robot))) for e in self.experiments
+        ]
         return self.of_experiments(changed)
 
     def of_experiments(self, experiments: Sequence[Experiment]) -> Setup:
@@ -160,7 +162,9 @@ class Setup:
         -------
         Setup
         """
-        return replace(self, mechanism=joined(experiments), experiments=tuple(experiments))
+        return replace(
+            self, mechanism=joined(experiments), experiments=tuple(experiments)
+        )
 
     def with_settings(self, **changes: Any) -> Setup:
         """The set-up with other settings of the section ``identification``.
@@ -370,7 +374,8 @@ class _LogSection:
         bases = [b for b in mechanism.bodies if b.joint.kind in ("floating", "free")]
         self.bases = {
             name
-            for body in bases if mechanism.contacts
+            for body in bases
+            if mechanism.contacts
             for motion in body.joint.motions
             for name in (*motion.positions, *motion.velocities)
         }
@@ -404,7 +409,9 @@ class _LogSection:
         )
         outputs = tuple(
             dict.fromkeys(
-                output.name for some in (self.mechanism, mechanism) for output in some.sensed
+                output.name
+                for some in (self.mechanism, mechanism)
+                for output in some.sensed
             )
         )
         touching = tuple(contact.name for contact in self.mechanism.contacts)

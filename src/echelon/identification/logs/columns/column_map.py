@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -82,8 +82,10 @@ class ColumnMap:
 
     def kept(self, keeps: Callable[[str, str], bool]) -> ColumnMap:
         """The map with those channels alone whose kind and name a function accepts."""
-        groups = {
-            _GROUPS[kind]: {n: channel for n, channel in group.items() if keeps(kind, n)}
+        groups: dict[str, Any] = {
+            _GROUPS[kind]: {
+                n: channel for n, channel in group.items() if keeps(kind, n)
+            }
             for kind, group in self.channels.items()
         }
         return replace(self, **groups)

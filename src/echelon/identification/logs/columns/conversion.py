@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from echelon.formats import floating_velocities
 from echelon.identification.logs.columns.column_map import (
     ORDERS,
     Channel,
@@ -39,7 +40,6 @@ from echelon.identification.logs.recording import Recording
 from echelon.identification.logs.units import factor
 from echelon.identification.signals.clock import GAP, nominal_period
 from echelon.identification.signals.filters import INVERSE, turned
-from echelon.formats import floating_velocities
 from echelon.robot import (
     Force,
     Mechanism,

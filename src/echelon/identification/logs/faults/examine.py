@@ -12,13 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from echelon.identification.logs.columns.conversion import is_contact_input, unpushed
 from echelon.identification.logs.columns.column_map import (
     Series,
     motion_of,
     quaternion_columns,
     series,
 )
+from echelon.identification.logs.columns.conversion import is_contact_input, unpushed
 from echelon.identification.logs.faults.outliers import NO_ENCODER, TALL, jumps, spikes
 from echelon.identification.logs.faults.plausibility import contradictions
 from echelon.identification.logs.faults.repeated_values import (

@@ -66,7 +66,8 @@ class Preparation(PreparationEntry):
         {}, description="For settings that were chosen: why, in a sentence."
     )
     experiments: dict[str, Preparation] = Field(
-        {}, description="How logs of each experiment are prepared, where there are several."
+        {},
+        description="How logs of each experiment are prepared, where there are several.",
     )
 
     def of(self, experiment: str) -> Preparation:
