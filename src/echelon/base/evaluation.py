@@ -305,8 +305,8 @@ class Evaluation(ABC):
             Standard deviations of the outputs, by which rows are divided; 1 if omitted.
         symbols : mapping of str to float, optional
         unknown : array of bool of shape (N, outputs), optional
-            Outputs that are not known at a state, such as torques of joints with dry friction at rest; T leaves them out
-            like forces at contacts.
+            Outputs that are not known at a state, such as torques of joints with dry friction at rest; T takes them off
+            as it does forces at contacts.
 
         Returns
         -------

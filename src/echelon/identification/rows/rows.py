@@ -105,7 +105,7 @@ _REACHES = 8  # windows are at least so many times longer than what the filter r
 
 
 FORCES = "outputs"
-"""Name of the rows of all outputs together, which have no outputs of their own once contact forces are projected out."""
+"""Name of the rows of all outputs, which are mixed once contact forces are projected out."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,8 +114,8 @@ class ModelRows:
 
     Of several experiments each has outputs of its own, and no rows of those of the others.  Where contacts touch, T of
     :meth:`echelon.BaseModel.without_contact_forces` takes the unknown forces off both sides.  It mixes the outputs, so
-    that all of an experiment are one.  What a sample does not tell of an output, because its joint rests or its sensor is
-    at a limit, is an unknown force as well.
+    that all of an experiment are one.  An output whose joint rests, or whose sensor is at a limit, is an unknown force as
+    well.
     """
 
     base: BaseModel
