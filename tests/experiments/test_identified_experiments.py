@@ -52,14 +52,16 @@ def test_two_mountings_a_load_and_a_held_joint_by_one_command(folder: Path) -> N
     document = json.loads(ended.stdout)
     base = ec.load_identified(folder / "out/model.json").base
     assert base.rank == ec.base_parameters(ec.load(folder / "arm.yaml")).rank
-    assert any(name.endswith('_tool') for name in base.pivots)
+    assert any(name.endswith("_tool") for name in base.pivots)
     rows = document["estimate"]["parameters"]
     inside = [
         row["low"] < value < row["high"]
         for row, value in zip(rows, truth(base), strict=True)
     ]
     assert np.mean(inside) > 0.85
-    outputs = {score["output"] for v in document["validations"] for score in v["scores"]}
+    outputs = {
+        score["output"] for v in document["validations"] for score in v["scores"]
+    }
     assert {"table.j1", "wall.j3", "held.j3"} <= outputs
     assert "held.j2" not in outputs
     assert (folder / "out/report.html").stat().st_size > 0
@@ -69,7 +71,9 @@ def test_two_mountings_a_load_and_a_held_joint_by_one_command(folder: Path) -> N
 
 
 def test_a_saved_set_predicts_logs_of_its_experiments(folder: Path) -> None:
-    result = ec.identify(folder / "arm.yaml", [folder / "table.csv", folder / "run2_wall.csv"])
+    result = ec.identify(
+        folder / "arm.yaml", [folder / "table.csv", folder / "run2_wall.csv"]
+    )
     assert any("'held'" in finding.text for finding in result.findings)
     ec.save_identification(result, folder / "model.json")
     other = write(log(WALL, 9, loaded=True), folder / "wall_again.csv")
@@ -119,7 +123,9 @@ def test_a_log_of_no_experiment_is_refused(
     folder: Path, logs: list[str], said: str
 ) -> None:
     for name in logs:
-        write(log(TABLE, 4, seconds=2.0), folder / name) if name != "table.csv" else None
+        write(
+            log(TABLE, 4, seconds=2.0), folder / name
+        ) if name != "table.csv" else None
     ended = run("identify", "arm.yaml", *logs, cwd=folder)
     assert ended.returncode == 2
     assert said in ended.stderr
@@ -150,4 +156,7 @@ def test_files_and_experiments_are_stated_by_section(folder: Path) -> None:
 def test_a_locked_joint_keeps_the_numbers_of_the_others(folder: Path) -> None:
     maps = ec.load_setup(folder / "arm.yaml").columns
     held = next(m for m in maps if m.experiment == "held")
-    assert {n: c.column for n, c in held.positions.items()} == {"j1": "q_1", "j3": "q_3"}
+    assert {n: c.column for n, c in held.positions.items()} == {
+        "j1": "q_1",
+        "j3": "q_3",
+    }

@@ -80,7 +80,9 @@ def log(
     for joint, at in (held or {}).items():
         signals[:, :, joint] = np.array([at, 0.0, 0.0])[:, None]
     q, v, a = signals
-    tau = np.array([pin.rnea(model, data, *state) for state in zip(q, v, a, strict=True)])
+    tau = np.array(
+        [pin.rnea(model, data, *state) for state in zip(q, v, a, strict=True)]
+    )
     noisy = tau + 0.05 * rng.normal(size=tau.shape)
     columns = {"t": time}
     for joint in range(JOINTS):

@@ -18,7 +18,9 @@ def biped_mjcf(rng: np.random.Generator) -> str:
         a, b, c = mass * size**2 * rng.uniform(0.25, 0.35, 3)
         tilt = " ".join(f"{x:.3f}" for x in rng.normal(size=4))
         spins = f"{a:.5f} {b:.5f} {c:.5f}"
-        return f'<inertial pos="{com}" mass="{mass}" diaginertia="{spins}" quat="{tilt}"/>'
+        return (
+            f'<inertial pos="{com}" mass="{mass}" diaginertia="{spins}" quat="{tilt}"/>'
+        )
 
     legs = ""
     for name, side in (("left", 1), ("right", -1)):

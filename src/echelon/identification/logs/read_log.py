@@ -69,8 +69,8 @@ def read_log(
 ) -> Iterator[LogPiece]:
     """Read a log in the robot's terms, piece by piece.
 
-    Of several column maps for the log the first one whose columns are all there is used.  A log of an experiment is read
-    in the terms of that.  Segments are resampled to ``rate``, Hz.
+    Of several column maps for the log the first one whose columns are all there is used.  A log of an experiment is in
+    the terms of that.  Segments are resampled to ``rate``, Hz.
     Faults that spoil no sample are looked for only if they are to be ``named``.
     """
     log = opened(path)

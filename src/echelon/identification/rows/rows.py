@@ -114,8 +114,7 @@ class ModelRows:
 
     Of several experiments each has outputs of its own, and no rows of those of the others.  Where contacts touch, T of
     :meth:`echelon.BaseModel.without_contact_forces` takes the unknown forces off both sides.  It mixes the outputs, so
-    that all of an experiment are one.  An output whose joint rests, or whose sensor is at a limit, is an unknown force as
-    well.
+    that all of an experiment are one.  Outputs of joints at rest, or of sensors at a limit, are unknown forces as well.
     """
 
     base: BaseModel
@@ -173,7 +172,7 @@ class ModelRows:
         outputs: list[str] = []
         kept: list[tuple[int, ...]] = []
         for name, part in self.parts.items():
-            if part.base.mechanism.contacts:
+            if self.base.mechanism.contacts:
                 outputs.append(name or FORCES)
                 kept.append(every)
                 continue
@@ -195,7 +194,7 @@ class ModelRows:
         """The rows of some samples, in the order of time."""
         own = self.own(samples)
         _check_outputs(samples, own.base)
-        if own.base.mechanism.contacts:
+        if self.base.mechanism.contacts:
             yield from self._free_blocks(samples, segment)
             return
         if own is not self:
@@ -283,7 +282,7 @@ class ModelRows:
 
     def free(self, samples: Samples, signals: Floats) -> tuple[Samples, Floats]:
         """Samples and signals (N, outputs, …) of them without unknown contact forces; as they are without contacts."""
-        if not self.own(samples).base.mechanism.contacts:
+        if not self.base.mechanism.contacts:
             return samples, signals
         T = self.projectors(samples, self.phases(samples))
         return replace(samples, moving=None, pinned=None), T @ signals
@@ -352,7 +351,7 @@ class ModelRows:
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
         """The outputs at all samples, before any filter; shape (N, outputs); without forces at contacts."""
         own = self.own(samples)
-        if own.base.mechanism.contacts:
+        if self.base.mechanism.contacts:
             q, qd, qdd = samples.q, samples.qd, samples.qdd
             inputs = inputs_of_effects(samples)
             regressor = own.base.regressor(q, qd, qdd, self.symbols, inputs)

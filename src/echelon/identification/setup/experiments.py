@@ -25,8 +25,8 @@ from echelon.robot import Experiment
 from echelon.shared import InputError, in_quotes
 
 RARE = 0.1
-"""Share of the samples below which a set of contacts is no experiment of its own, as when feet bounce: its samples count
-as those of a larger set, which is right whatever forces act."""
+"""Share of the samples below which a set of contacts is no experiment of its own, as where feet bounce: its samples are
+those of a larger set, which is right whatever forces act."""
 
 Paths = tuple[Path, ...]
 
