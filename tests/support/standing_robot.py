@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 STEP, EVERY = 0.0005, 10  # s; steps between samples
+STIFF = 20.0  # rad/s, natural frequency of controlled joints
 
 
 def biped_mjcf(rng: np.random.Generator) -> str:
@@ -36,32 +37,40 @@ def biped_mjcf(rng: np.random.Generator) -> str:
 
 
 def log_standing(
-    robot: Path, feet: Sequence[tuple[str, str]], path: Path, seconds: float, seed: int
+    robot: Path,
+    feet: Sequence[tuple[str, str]],
+    path: Path,
+    seconds: float,
+    seed: int,
 ) -> None:
-    """A log of a robot that sways while bodies are held at points: a name and a point for each foot."""
+    """A log of a robot that sways while bodies are held: a name and a point for each foot, or no point for a sole."""
     import mujoco
 
     rng = np.random.default_rng(seed)
     spec = mujoco.MjSpec.from_file(str(robot))
     spec.option.timestep = STEP
     spec.option.gravity = (0, 0, -9.81)
+    if not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
+        spec.worldbody.first_body().add_freejoint()
     for body, point in feet:
         held = spec.add_equality()
-        held.type = mujoco.mjtEq.mjEQ_CONNECT
+        held.type = mujoco.mjtEq.mjEQ_CONNECT if point else mujoco.mjtEq.mjEQ_WELD
         held.objtype = mujoco.mjtObj.mjOBJ_BODY
         held.name1, held.name2 = body, "world"
-        held.data[:3] = [float(x) for x in point.split()]
+        held.data[:3] = [float(x) for x in point.split()] if point else 0
         held.solref[:] = (0.001, 1)
     model = spec.compile()
     data = mujoco.MjData(model)
     joints = model.nv - 6
+    inertia = model.dof_M0[6:]
     size = rng.uniform(0.1, 0.4, (joints, 4)) / np.arange(1, 5)
     beats = rng.uniform(0.3, 1.5, (joints, 4))
     rows = []
     for step in range(int(seconds / STEP)):
         t = step * STEP
         target = min(1.0, t) * (size * np.sin(2 * np.pi * beats * t)).sum(axis=1)
-        torque = 60 * (target - data.qpos[7:]) - 3 * data.qvel[6:]
+        wanted = STIFF**2 * (target - data.qpos[7:]) - 2 * STIFF * data.qvel[6:]
+        torque = inertia * wanted
         data.qfrc_applied[6:] = torque
         mujoco.mj_forward(model, data)
         if step % EVERY == 0:
