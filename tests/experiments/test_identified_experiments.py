@@ -117,6 +117,7 @@ def test_a_wrong_sign_in_one_experiment_is_named(folder: Path) -> None:
     [
         (["run.csv"], "which of the experiments table, wall, held"),
         (["table.csv", "wall_or_held.csv"], "which of the experiments"),
+        (["table_or_wall.csv"], "which of the experiments"),
     ],
 )
 def test_a_log_of_no_experiment_is_refused(

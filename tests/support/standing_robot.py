@@ -50,6 +50,9 @@ def log_standing(
     spec = mujoco.MjSpec.from_file(str(robot))
     spec.option.timestep = STEP
     spec.option.gravity = (0, 0, -9.81)
+    for joint in spec.joints:  # what a file states beside inertias
+        joint.limited, joint.frictionloss = mujoco.mjtLimited.mjLIMITED_FALSE, 0
+        joint.damping = np.zeros_like(joint.damping)
     if not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
         spec.worldbody.first_body().add_freejoint()
     for body, point in feet:

@@ -120,12 +120,18 @@ def map_of(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
     known = list(dict.fromkeys(some.experiment for some in columns))
     exactly = [some for some in columns if log.source in some.files]
     columns = exactly or [some for some in columns if some.is_for(log.source)]
-    longest = max((len(some.experiment) for some in columns), default=0)
-    columns = [some for some in columns if len(some.experiment) == longest]
-    if len({some.experiment for some in columns}) != 1:
-        problem = f"which of the experiments {listed(known)} it is of, its name does not tell: give the file a name with one "
-        problem += f'of them as a word, such as run1_{known[0]}.csv, or state  files: ["…"]  under log'
+    found = {some.experiment for some in columns}
+    # the name of one experiment may hold that of another
+    whole = {
+        name for name in found if not any(name in other for other in found - {name})
+    }
+    if len(whole) != 1:
+        problem = "no map under  log  is for files of this name: mend  files"
+        if any(known):
+            problem = f"which of the experiments {listed(known)} it is of, its name does not tell: give the file a name with "
+            problem += f'one of them as a word, such as run1_{known[0]}.csv, or state  files: ["…"]  under log'
         raise InputError(problem, source=log.source)
+    columns = [some for some in columns if some.experiment in whole]
     lacking = [
         sum(name not in log.names for name in needed_columns(some)) for some in columns
     ]

@@ -219,18 +219,29 @@ class ModelRows:
 
     def _widened(self, block: RowBlock, experiment: str) -> RowBlock:
         """Rows of an experiment among the outputs of all."""
-        times = [np.zeros(0)] * len(self.layout.outputs)
-        matrices = [np.zeros((0, len(some))) for some in self.layout.columns]
-        y = list(times)
-        own = [output.name for output in self.parts[experiment].base.mechanism.outputs]
-        for k, name in enumerate(own):
-            place = self.layout.outputs.index(f"{experiment}.{name}")
-            times[place], matrices[place], y[place] = (
-                some[k] for some in (block.times, block.matrices, block.y)
-            )
-        return RowBlock(
-            block.source, block.segment, tuple(times), tuple(matrices), tuple(y)
+        own = self.parts[experiment].base.mechanism.outputs
+        names = [f"{experiment}.{output.name}" for output in own]
+        rows = zip(block.times, block.matrices, block.y, strict=True)
+        return self._placed(
+            block.source, block.segment, dict(zip(names, rows, strict=True))
         )
+
+    def _placed(
+        self,
+        source: str,
+        segment: int,
+        rows: Mapping[str, tuple[Floats, Floats, Floats]],
+    ) -> RowBlock:
+        """Times, matrices and measured values of some outputs, and no rows of the others."""
+        none = np.zeros(0)
+        parts = [
+            rows.get(name, (none, np.zeros((0, len(columns))), none))
+            for name, columns in zip(
+                self.layout.outputs, self.layout.columns, strict=True
+            )
+        ]
+        times, matrices, y = zip(*parts, strict=True)
+        return RowBlock(source, segment, times, matrices, y)
 
     # -- contacts ----------------------------------------------------------------------------------------------------
 
@@ -241,10 +252,7 @@ class ModelRows:
             for part in self.parts.values()
         ]
         if samples.experiment or len(sets) == 1:
-            place = (
-                list(self.parts).index(samples.experiment) if samples.experiment else 0
-            )
-            return np.full(len(samples), place)
+            return np.full(len(samples), list(self.parts).index(samples.experiment))
         names = [contact.name for contact in self.own(samples).base.mechanism.contacts]
         flags = touching(samples.inputs, names)
         kinds, of = np.unique(flags, axis=0, return_inverse=True)
@@ -263,14 +271,12 @@ class ModelRows:
 
     def projectors(self, samples: Samples, phases: Integers) -> Floats:
         """Matrices (N, outputs, outputs) that take unknown forces off the outputs of some samples."""
-        unknown = np.zeros(
-            (len(samples), len(self.own(samples).base.mechanism.outputs)), dtype=bool
-        )
-        for flags in (
-            samples.pinned,
-            None if samples.moving is None else ~samples.moving,
-        ):
-            unknown |= False if flags is None else flags
+        outputs = self.own(samples).base.mechanism.outputs
+        unknown = np.zeros((len(samples), len(outputs)), dtype=bool)
+        if samples.pinned is not None:
+            unknown |= samples.pinned
+        if samples.moving is not None:
+            unknown |= ~samples.moving
         found = np.empty((*unknown.shape, unknown.shape[1]))
         for k, part in enumerate(self.parts.values()):
             some = phases == k
@@ -306,34 +312,15 @@ class ModelRows:
                 )
             places = low + kept
             inside = (places >= max(start, samples.first)) & (places < stop)
-            yield self._by_phase(
-                samples, segment, places[inside], phases, table[inside]
-            )
-
-    def _by_phase(
-        self,
-        samples: Samples,
-        segment: int,
-        places: Integers,
-        phases: Integers,
-        table: Floats,
-    ) -> RowBlock:
-        """Rows [W y] at some samples, shape (k, outputs, n + 1), among the outputs of all experiments."""
-        times = [np.zeros(0)] * len(self.layout.outputs)
-        matrices = [np.zeros((0, len(some))) for some in self.layout.columns]
-        y = list(times)
-        for k, name in enumerate(self.parts):
-            some = phases[places] == k
-            if not some.any():
-                continue
-            place = self.layout.outputs.index(name or FORCES)
-            rows = table[some].reshape(-1, table.shape[2])
-            at = samples.start + places[some] / samples.rate
-            times[place] = np.repeat(at, table.shape[1])
-            matrices[place], y[place] = rows[:, :-1], rows[:, -1]
-        return RowBlock(
-            samples.source, segment, tuple(times), tuple(matrices), tuple(y)
-        )
+            places = places[inside]
+            rows = {}
+            for k, name in enumerate(self.parts):
+                some = phases[places] == k
+                at = samples.start + places[some] / samples.rate
+                mixed = table[inside][some].reshape(-1, table.shape[2])
+                times = np.repeat(at, table.shape[1])
+                rows[name or FORCES] = (times, mixed[:, :-1], mixed[:, -1])
+            yield self._placed(samples.source, segment, rows)
 
     # -- factors of single models ------------------------------------------------------------------------------------
 

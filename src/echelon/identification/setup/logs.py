@@ -89,6 +89,13 @@ def with_logs(
 
 def _resting_on(setup: Setup) -> Setup:
     """The set-up with what is taken for granted of a robot in contact."""
+    plate = next((c for c in setup.mechanism.contacts if c.measured), None)
+    if plate is not None:
+        raise InputError(
+            "forces that a plate measures are not read from logs: leave out  measured,  and they count as unknown",
+            source=setup.source,
+            element=f"contact '{plate.name}'",
+        )
     if not setup.mechanism.contacts:
         return setup
     text = "forces at contacts are taken off both sides of the equations of motion, and nobody asks what else may be wrong "
