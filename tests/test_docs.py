@@ -24,6 +24,7 @@ LONG = (
     "docs/closed-loops.md-1",
     "docs/closed-loops.md-2",
     "docs/real-states.md-3",
+    "docs/experiments.md-5",
 )
 """Examples that take more than a second."""
 

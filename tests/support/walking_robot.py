@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +50,7 @@ class Walk:
     a: Floats
     torque: Floats  # of the twelve joints
     touching: npt.NDArray[np.bool_]  # of the feet in the order of LEGS
+    touched: npt.NDArray[np.bool_]  # the same since the sample before, as sensors tell
 
 
 HARD = 300.0  # m/s² or rad/s²: beyond it a foot lands, which no log resolves
@@ -85,6 +87,7 @@ def trot(text: str, seconds: float, seed: int = 1) -> Walk:
     feet = {model.geom(f"{name}_foot").id: k for k, name in enumerate(LEGS)}
     floor = model.geom("floor").id
     kept = list[tuple[Floats, ...]]()
+    touched = np.zeros(4, dtype=bool)
     torque = np.zeros(12)
     for step in range(int(seconds / _STEP)):
         t = step * _STEP
@@ -98,11 +101,12 @@ def trot(text: str, seconds: float, seed: int = 1) -> Walk:
         torque = 120 * (target - data.qpos[7:]) - 3 * data.qvel[6:]
         data.qfrc_applied[6:] = torque
         mujoco.mj_forward(model, data)
+        touching = np.zeros(4, dtype=bool)
+        for contact in data.contact[: data.ncon]:
+            pair = {int(contact.geom1), int(contact.geom2)} - {floor}
+            touching[[feet[g] for g in pair if g in feet]] = True
+        touched |= touching
         if step % 10 == 0 and t > 0.3:
-            touching = np.zeros(4, dtype=bool)
-            for contact in data.contact[: data.ncon]:
-                pair = {int(contact.geom1), int(contact.geom2)} - {floor}
-                touching[[feet[g] for g in pair if g in feet]] = True
             kept.append(
                 (
                     data.qpos.copy(),
@@ -110,8 +114,26 @@ def trot(text: str, seconds: float, seed: int = 1) -> Walk:
                     data.qacc.copy(),
                     torque.copy(),
                     touching,
+                    touched,
                 )
             )
+            touched = np.zeros(4, dtype=bool)
         mujoco.mj_step(model, data)
-    q, v, a, torques, touch = (np.array(part) for part in zip(*kept, strict=True))
-    return Walk(q, v, a, torques, touch)
+    parts = (np.array(part) for part in zip(*kept, strict=True))
+    return Walk(*parts)
+
+
+JOINTS = [f"{leg}_{j}" for leg in LEGS for j in ("abduction", "hip_pitch", "knee")]
+"""Joints in MuJoCo's order."""
+
+
+def write_log(walk: Walk, path: Path, rng: np.random.Generator) -> None:
+    """A log as users have it: pose and twist of the trunk, joints, torques with noise, and which feet touch."""
+    torque = walk.torque + 0.1 * rng.normal(size=walk.torque.shape)
+    time = 10 * _STEP * np.arange(len(walk.q))
+    columns = np.column_stack([time, walk.q, walk.v, torque, walk.touched])
+    names = ["t", *"xyz", *(f"q{k}" for k in "wxyz"), *(f"q_{n}" for n in JOINTS)]
+    names += [f"{kind}{axis}" for kind in "vw" for axis in "xyz"]
+    names += [f"v_{n}" for n in JOINTS] + [f"tau_{n}" for n in JOINTS]
+    names += [f"contact_{leg}" for leg in LEGS]
+    np.savetxt(path, columns, delimiter=",", header=",".join(names), comments="")

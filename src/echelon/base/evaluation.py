@@ -390,6 +390,7 @@ class Evaluation(ABC):
         touching: npt.ArrayLike | None = None,
         noise: npt.ArrayLike | None = None,
         symbols: Symbols = None,
+        unknown: npt.ArrayLike | None = None,
     ) -> Floats:
         """Matrices T by which unknown contact forces leave y = X̄ ζ̄ - Jᵀ λ: T y = T X̄ ζ̄.
 
@@ -405,6 +406,9 @@ class Evaluation(ABC):
         noise : array of shape (outputs,), optional
             Standard deviations of the outputs, by which rows are divided; 1 if omitted.
         symbols : mapping of str to float, optional
+        unknown : array of bool of shape (N, outputs), optional
+            Outputs that are not known at a state, such as torques of joints with dry friction at rest; T takes them off
+            as it does forces at contacts.
 
         Returns
         -------
@@ -434,14 +438,19 @@ class Evaluation(ABC):
                 f"noise is {deviations.shape[0] if deviations.ndim else 1} numbers; expected {slips.shape[2]}, above zero"
             )
         rows = [len(contact.kind.components) for contact in contacts]
-        unknown = slips / deviations * np.repeat(touch, rows, axis=1)[:, :, None]
+        forces = slips / deviations * np.repeat(touch, rows, axis=1)[:, :, None]
         measured = [
             component in contact.measured
             for contact in contacts
             for component in contact.kind.components
         ]
-        unknown[:, measured] = 0.0
-        projectors = np.eye(len(deviations)) - np.linalg.pinv(unknown) @ unknown
+        forces[:, measured] = 0.0
+        if unknown is not None and np.any(unknown):
+            alone = (
+                np.eye(len(deviations)) * np.asarray(unknown, dtype=bool)[:, :, None]
+            )
+            forces = np.concatenate([forces, alone], axis=1)
+        projectors = np.eye(len(deviations)) - np.linalg.pinv(forces) @ forces
         found: Floats = projectors / deviations
         return found[0] if np.ndim(q) == 1 else found
 

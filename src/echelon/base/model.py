@@ -265,6 +265,15 @@ class BaseModel(BaseSet, Evaluation):
         >>> wall.mechanism.positions[:2], wall.rank
         (('j1', 'j2'), 45)
         """
+        if name not in self._experiments:
+            self._experiments[name] = self._experiment(name)
+        return self._experiments[name]
+
+    @cached_property
+    def _experiments(self) -> dict[str, BaseModel]:
+        return {}
+
+    def _experiment(self, name: str) -> BaseModel:
         own = experiment_of(self.mechanism, name)
         of_all = "this experiment alone may not show all: the set belongs to all experiments together"
         certificate = replace(

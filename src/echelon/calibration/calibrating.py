@@ -26,7 +26,7 @@ from echelon.formats import (
     WrittenRobot,
     calibrated_robot,
 )
-from echelon.identification import Setup, listed, log_paths, setup_of
+from echelon.identification import Setup, check_single, listed, log_paths, setup_of
 from echelon.robot import Mechanism
 from echelon.shared import (
     CalibrationErrors,
@@ -262,7 +262,7 @@ def _held(data: Observed) -> Flags:
 def setup_for(robot: Any) -> Setup:
     """A set-up of a mechanism, or of whatever else stands for a robot."""
     if not isinstance(robot, Mechanism):
-        return setup_of(robot)
+        return check_single(setup_of(robot))
     file = None if robot.reading is None else robot.reading.file
     stated = file.robot if isinstance(file, RobotFile) else None
     return Setup(robot.name, robot, robot_file=stated)

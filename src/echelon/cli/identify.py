@@ -114,11 +114,15 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
             for finding in result.findings
             if finding.kind == FAR_FROM_PRIOR
         ]
-        for robot in identified_robot(
-            result.base.mechanism, result.physical.standard, setup.robot_file, remarks
-        ):
+        fit, mechanism = result.physical, result.robot
+        known = dict(zip(fit.parameters, fit.standard, strict=True))
+        standard = [known[name] for name in mechanism.parameters]
+        for robot in identified_robot(mechanism, standard, setup.robot_file, remarks):
             files[robot.name] = robot.text
-    if target != NO_CODE:
+    base, experiments = result.base, result.base.mechanism.experiments
+    base = base.experiment(experiments[0]) if experiments else base
+    # in contact base parameters determine no forces of drives
+    if target != NO_CODE and not base.mechanism.contacts:
         from echelon.codegen import generate
 
         names = [expression.name for expression in result.base.expressions]
@@ -128,7 +132,7 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
             *(f"  {found}" for found in result.ranges),
         ]
         files |= generate(
-            result.base, target, name="model", parameters=values, remarks=remarks
+            base, target, name="model", parameters=values, remarks=remarks
         )
     return files
 

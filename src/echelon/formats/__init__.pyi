@@ -27,6 +27,7 @@ from echelon.formats.robot_file import load as load
 from echelon.formats.robot_file import load_model as load_model
 from echelon.formats.robot_file import open_robot as open_robot
 from echelon.formats.schema.models import UnfitError as UnfitError
+from echelon.formats.schema.models import WithJsonSchema as WithJsonSchema
 from echelon.formats.schema.robot_schema import json_schema as json_schema
 from echelon.formats.schema.schema_excite import EVERY as EVERY
 from echelon.formats.schema.schema_excite import ExcitationEntry as ExcitationEntry

@@ -180,13 +180,20 @@ class RobotFile:
     # -- mechanisms ------------------------------------------------------------------------------------------------
 
     def mechanism(
-        self, options: ReadingOptions | None = None, literal: Collection[str] = ()
+        self,
+        options: ReadingOptions | None = None,
+        literal: Collection[str] = (),
+        *,
+        alone: bool = False,
     ) -> Mechanism:
-        """The robot; the numbers of the literal elements are taken as they stand."""
+        """The robot; the numbers of the literal elements are taken as they stand.
+
+        Of a description with experiments it is all of them, or with ``alone`` the robot of each.
+        """
         options = ReadingOptions() if options is None else options
         if new := [name for name in options.ignore if name not in self.ignored]:
             return replace(self, ignored=(*self.ignored, *new)).mechanism(
-                options, literal
+                options, literal, alone=alone
             )
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
@@ -203,11 +210,17 @@ class RobotFile:
             else self.robot.tree(mimics=not options.independent_mimics)
         )
         stated = self.description.effects if self.is_description else None
+        trees = self.description.experiments if self.is_description else ()
+        bases = tuple(entry for entry in trees if isinstance(entry, str))
+        mechanism = replace(mechanism, experiments=bases) if bases else mechanism
         if options.usual_effects if stated is None else "usual" in stated:
             mechanism = with_usual_effects(
                 mechanism, {} if tree is None else tree.drives
             )
-        mechanism = self._experiments(mechanism, options.experiment)
+        experiments = () if alone else self.experiments(mechanism, options.experiment)
+        if experiments:
+            with locating(self.source):
+                mechanism = joined(experiments)
         couples = tree is not None and tree.has_mimics
         in_world = self.robot is not None and self.robot.root.tag != "robot"
         questions = tuple(
@@ -220,19 +233,13 @@ class RobotFile:
             Reading(built.snaps, notes, self, options, couples, built.driven)
         )
 
-    def _experiments(self, mechanism: Mechanism, chosen: str) -> Mechanism:
-        """The experiments that a description makes with a robot, as one mechanism, or one of them alone."""
+    def experiments(self, robot: Mechanism, chosen: str = "") -> tuple[Experiment, ...]:
+        """The experiments that a description makes with a robot, or one of them; none where it states them as trees."""
         stated = self.description.experiments if self.is_description else ()
         if chosen:
             stated = (self._experiment(chosen),)
-        if not stated:
-            return mechanism
-        bases = tuple(entry for entry in stated if isinstance(entry, str))
-        if bases:
-            return replace(mechanism, experiments=bases)
-        entries = [entry.model_dump() for entry in stated if not isinstance(entry, str)]
-        with locating(self.source):
-            return joined([Experiment(mechanism, **entry) for entry in entries])
+        entries = (entry for entry in stated if not isinstance(entry, str))
+        return tuple(Experiment(robot, **entry.model_dump()) for entry in entries)
 
     def _experiment(self, name: str) -> ExperimentEntry:
         """One of the experiments that a description states."""

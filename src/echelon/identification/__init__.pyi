@@ -47,6 +47,7 @@ from echelon.identification.servos.servo_fit import fit_servos as fit_servos
 from echelon.identification.servos.servo_start import servo_joints as servo_joints
 from echelon.identification.setup.logs import with_logs as with_logs
 from echelon.identification.setup.setup import Setup as Setup
+from echelon.identification.setup.setup import check_single as check_single
 from echelon.identification.setup.setup import load_setup as load_setup
 from echelon.identification.setup.setup import setup_of as setup_of
 from echelon.identification.setup.setup import with_file_effects as with_file_effects

@@ -73,11 +73,15 @@ class Noisy:
     parameter: str  # that is moved most
     bias: float  # by its standard deviation
     lost: Floats  # share of the parameters that noise takes away, shape (n, n)
+    corrects: bool = True  # whether the estimate is one of these rows alone
 
     @property
     def is_known(self) -> bool:
         """Whether it is small enough for its first order to be all of it."""
-        return float(np.abs(np.linalg.eigvals(self.lost)).max()) < FIRST_ORDER
+        return (
+            self.corrects
+            and float(np.abs(np.linalg.eigvals(self.lost)).max()) < FIRST_ORDER
+        )
 
     @property
     def finding(self) -> Finding:

@@ -230,6 +230,9 @@ def advice(
 
 def _motion(base: BaseModel, change: Floats) -> str:
     """Which joints to move, and how."""
+    if base.mechanism.contacts:
+        # what unknown forces leave of the outputs is not X̄ δ
+        return ""
     if base.mechanism.dependent_velocities:
         # positions that follow from others cannot be drawn one by one
         return f"move {_together(base.mechanism.independent_velocities)} further, faster and with larger accelerations"

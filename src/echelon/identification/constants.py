@@ -191,9 +191,11 @@ class Profile:
 
         def samples() -> Iterator[Samples]:
             for some in self.data.fitted():
-                yield with_bristles(some, base.mechanism, values)
+                mechanism = rows.own(some).base.mechanism
+                yield with_bristles(some, mechanism, values)
 
-        return ModelRows(base, samples, values).observation()
+        rows = ModelRows(base, samples, values)
+        return rows.observation()
 
     def _search(self) -> None:
         """Best values: by a grid, each beside the others, then by Powell's method."""

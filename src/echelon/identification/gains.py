@@ -30,7 +30,7 @@ from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows, RowStream
-from echelon.identification.setup.setup import Setup, setup_of
+from echelon.identification.setup.setup import Setup, check_single, setup_of
 from echelon.robot import Mechanism, Readable
 from echelon.shared import Floats, InputError, public
 
@@ -293,7 +293,7 @@ def gains_from_logs(
         raise InputError(
             "runs with a payload and the payload itself go together: give both or neither"
         )
-    setup = setup_of(setup)
+    setup = check_single(setup_of(setup))
     base = base_parameters(setup.mechanism, seed=setup.seed)
     plan = _plan(setup, base, unloaded)
     rows = ModelRows.of(base, _samples(plan, unloaded))

@@ -76,14 +76,15 @@ def identify(
 
     Parameters
     ----------
-    setup : Setup, path or model
-        A set-up, or what :func:`load_setup` takes.
+    setup : Setup, path, model or sequence of Experiment
+        A set-up, what :func:`load_setup` takes, or experiments with robots that state their effects.
     logs : path, dict of arrays, data frame, or several of them
         What the model is fitted to; a directory stands for all logs in it.  Data frames are those of pandas or polars.
         Files that hold positions only and outputs only are taken together: ``["positions.csv", "torques.csv"]``.
+        Of experiments, the name of a file says of which it is, or a mapping does: ``{"wall": ["a.csv", "b.csv"]}``.
     validate_on : the same
         Logs that the fit does not see.  Without any, the last ones of several logs are held out, or the end of a single
-        one (``setup.settings.holdout``).
+        one (``setup.settings.holdout``); of experiments the ends of all logs.
     client : distributed.Client, optional
         Of a Dask cluster, over which the logs are spread.
     on_step : callable, optional
@@ -112,6 +113,11 @@ def identify(
     step = on_step or (lambda _: None)
     lists = setup.states_effects
     mounted = not is_unknown(setup.mechanism)
+    if setup.experiments and not mounted:
+        raise InputError(
+            "state gravity: of experiments its direction is not found",
+            source=setup.source,
+        )
     if not mounted:
         setup = replace(setup, mechanism=standing(setup.mechanism))
 
@@ -151,10 +157,10 @@ def _completed(
     That is the inertia of rotors, delays of outputs if nothing else is wrong with the readings, and the direction of
     gravity if the robot is not ``mounted``.
     """
-    lists, mechanism = setup.states_effects, setup.mechanism
+    lists = setup.states_effects
     for some in judged:
         if not mounted and some.gravity is not None and any(some.gravity):
-            turned = with_gravity(mechanism, np.array(some.gravity))
+            turned = with_gravity(setup.mechanism, np.array(some.gravity))
             return replace(setup, mechanism=turned), [
                 finding(some, lists_effects=lists, taken=True)
             ]
@@ -167,6 +173,7 @@ def _completed(
         readings
         and not rotors_first
         and setup.preparation.delays is None
+        and not setup.experiments
         and all(some.delays for some in readings)
     ):
         preparation = setup.preparation.model_copy(
@@ -175,7 +182,7 @@ def _completed(
         late = [finding(some, lists_effects=lists, taken=True) for some in readings]
         return replace(setup, preparation=preparation), late
     drives = {place for some in rotors for place in some.places}
-    lifted = _lifted(result) - drives
+    lifted = set() if setup.experiments else _lifted(result) - drives
     if not (drives or lifted) or not setup.usual:
         return setup, []
     said = [finding(some, lists_effects=lists, taken=True) for some in rotors]
@@ -183,7 +190,7 @@ def _completed(
         [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
     )
     # a robot has geared drives or not; a rotor that cannot be told from zero does no harm
-    return replace(setup, mechanism=with_rotors(mechanism)), said
+    return setup.with_robot(with_rotors), said
 
 
 def _lifted(result: Identification) -> set[str]:
@@ -232,7 +239,9 @@ def _fitted(
     with one_thread():
         step("deriving the base parameters")
         base = base_parameters(started(setup.mechanism), seed=setup.seed)
-        fitted_logs, unseen_logs = _split_logs(given, others, settings.holdout)
+        # of experiments the ends of all logs are held out, as each may have but one
+        share = 0.0 if base.mechanism.experiments else settings.holdout
+        fitted_logs, unseen_logs = _split_logs(given, others, share)
         surveyed = survey(setup, base, fitted_logs, unseen_logs)
         plan = LogPlan(
             base,
@@ -328,6 +337,7 @@ def _fitted(
             *([] if conditions.is_complete else [conditions.verdict]),
         ),
         hypotheses=tuple(told),
+        experiments=setup.experiments,
     )
     return result, judged
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from echelon.identification.logs.recording import Samples
 from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.physics.prior_information import Prior
 from echelon.identification.rows.plan import LogPlan
+from echelon.identification.rows.rows import samples_alone
 from echelon.identification.scores import (
     EXPLAINED,
     UNEXPLAINED,
@@ -75,13 +76,23 @@ def judged_fit(
 
     A fit that leaves nothing is not judged, unless physics contradict it.
     """
+    is_doubtful = is_contradicted or _is_poor(validations)
+    is_asked = is_doubtful or _is_unexplained(by_role(validations))
+    if not data.plan.rows([]).is_plain:
+        parts = _parts(data, values, prior, seed) if is_asked else ()
+        taken, told = list[Judged](), list[Judged]()
+        for name, judge in parts:
+            judge = replace(judge, doubtful=is_doubtful)
+            taken += [
+                _in(name, some) for some in (judge.run() if judge.is_told else [])
+            ]
+            told += [_in(name, some) for some in judge.told]
+        return taken, told
     base = data.plan.base
     guess = None if prior is None else prior.base_values(base)
     unit = None if guess is None else common_unit(base, data.observation, guess)
-    is_doubtful = is_contradicted or _is_poor(validations)
-    taken: list[Judged] = []
-    told: list[Judged] = []
-    if unit is not None or is_doubtful or _is_unexplained(by_role(validations)):
+    taken, told = [], []
+    if unit is not None or is_asked:
         judge = _judge(data.plan, data.fitted(), values, seed=seed)
         judge = replace(judge, doubtful=is_doubtful, gravity_is_open=gravity_is_open)
         if prior is not None:
@@ -91,6 +102,38 @@ def judged_fit(
     if unit is not None and not any(some.kind is Kind.READING for some in taken):
         taken, told = [unit, *taken], [unit, *told]
     return taken, told
+
+
+def _parts(
+    data: PassesOverData, values: Floats, prior: Prior | None, seed: int
+) -> Iterator[tuple[str, Judge]]:
+    """Judges of the experiments that nothing touches, each with base parameters of its own."""
+    base = data.plan.base
+    standard = dict(
+        zip(base.parameters, np.linalg.pinv(base.B_float()) @ values, strict=True)
+    )
+    for name in base.mechanism.experiments:
+        mechanism = base.experiment(name).mechanism
+        if mechanism.contacts:
+            continue
+        own = base_parameters(mechanism, seed=seed)
+        columns = [some for some in data.plan.columns if some.experiment == name]
+        plan = LogPlan(own, tuple(columns), data.plan.preparation.of(name))
+        samples = (samples_alone(s) for s in data.fitted() if s.experiment == name)
+        start = own.B_float() @ [standard[p] for p in own.parameters]
+        judge = _judge(plan, samples, start, seed=seed)
+        if prior is not None:
+            known = dict(zip(base.parameters, prior.values, strict=True))
+            mine = np.array([known[p] for p in judge.base.parameters])
+            judge.prior = replace(prior, values=mine).base_values(
+                judge.base, judge.states.symbols
+            )
+        yield name, judge
+
+
+def _in(experiment: str, judged: Judged) -> Judged:
+    """A hypothesis that says of which experiment's logs it is."""
+    return replace(judged, words=f"{judged.words} (in the logs of '{experiment}')")
 
 
 def _is_poor(validations: Sequence[Validation]) -> bool:
@@ -113,14 +156,15 @@ def misread_elsewhere(
     unseen_logs: Sequence[Path],
 ) -> list[Finding]:
     """Mistakes in logs that are predicted poorly, where the fitted ones are not."""
-    fitted = by_role(validations)[0].scores
+    if not data.plan.rows([]).is_plain:
+        return []
+    fitted = {score.output: grade(score) for score in by_role(validations)[0].scores}
     found = []
     for log, validation in zip(
         unseen_logs, [v for v in validations if v.role == "validation"], strict=False
     ):
         grades = [
-            (grade(seen), grade(unseen))
-            for seen, unseen in zip(fitted, validation.scores, strict=True)
+            (fitted.get(unseen.output), grade(unseen)) for unseen in validation.scores
         ]
         told = [
             (seen, unseen)

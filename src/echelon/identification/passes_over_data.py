@@ -117,7 +117,7 @@ class _Ingestion:
                     piece.start + piece.first / piece.rate,
                     (stop - piece.first) / piece.rate,
                 )
-                if plain(piece):
+                if plain(piece) and self.model.is_plain:
                     self._fused(piece, stop)
                 else:
                     yield from self.model.blocks_of(piece, self._numbering.of(piece))

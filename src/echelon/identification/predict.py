@@ -6,7 +6,7 @@ stamps.  The scores are those of validation: of the same log they are the same n
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.identification.logs.preparation.prepare import (
+    Preparation,
     states,
     usable,
     with_bristles,
 )
 from echelon.identification.logs.read_log import LogPiece, read_log
-from echelon.identification.logs.recording import Samples, Segment
+from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.scores import Score
@@ -81,20 +82,28 @@ def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Predi
     """
     model, zeta = plan.rows([path]), np.asarray(values, dtype=float)
     recordings, predicted = [], []
-    rate = plan.preparation.rate
+    rate, own = plan.preparation.rate, ""
+    mechanism = plan.base.mechanism
     for piece in read_log(
         path, plan.base.mechanism, plan.columns, rate=rate, outputs=False
     ):
+        mechanism, own = piece.mechanism, piece.experiment
+        if mechanism.contacts:
+            raise InputError(
+                "the outputs hold forces at contacts that nobody knows, so that they cannot be predicted: give the log to "
+                "identify with --validate, which scores what no contact force enters",
+                source=str(path),
+            )
         recordings.append(piece.recording)
         predicted.append(_at_rows(plan, model, zeta, piece))
     if not any(np.isfinite(some).any() for some in predicted):
         problem = "nothing of this log can be predicted: its stretches without gaps are too short"
         raise InputError(problem, source=str(path))
     measured = [some.signals["y"] for some in recordings if "y" in some.signals]
-    outputs = plan.base.mechanism.outputs
+    outputs = mechanism.outputs
     return Prediction(
         str(path),
-        tuple(output.name for output in outputs),
+        tuple(f"{own}.{output.name}" if own else output.name for output in outputs),
         tuple(output.unit for output in outputs),
         np.concatenate([some.time for some in recordings]),
         np.concatenate(predicted),
@@ -109,12 +118,11 @@ def _at_rows(
     plan: LogPlan, model: ModelRows, values: Floats, piece: LogPiece
 ) -> Floats:
     """Predicted outputs at the time stamps of a piece, shape (N, m)."""
-    time, outputs = piece.recording.time, plan.base.mechanism.outputs
+    time, outputs = piece.recording.time, piece.mechanism.outputs
+    preparation = plan.preparation.of(piece.experiment)
     found = np.full((len(time), len(outputs)), np.nan)
-    delays = [
-        (plan.preparation.delays or {}).get(output.name, 0.0) for output in outputs
-    ]
-    for start, rate, guess in _stretches(plan, model, values, piece.segments):
+    delays = [(preparation.delays or {}).get(output.name, 0.0) for output in outputs]
+    for start, rate, guess in _stretches(preparation, model, values, piece):
         clock = start + np.arange(len(guess)) / rate
         rows = np.flatnonzero(
             (time > clock[0] - 0.5 / rate) & (time < clock[-1] + 0.5 / rate)
@@ -126,15 +134,23 @@ def _at_rows(
 
 
 def _stretches(
-    plan: LogPlan, model: ModelRows, values: Floats, segments: Iterable[Segment]
+    preparation: Preparation, model: ModelRows, values: Floats, piece: LogPiece
 ) -> Iterator[tuple[float, float, Floats]]:
     """Start (s), rate (Hz) and predicted outputs (N, m) of stretches."""
-    mechanism = plan.base.mechanism
-    for segment in segments:
-        piece = usable(segment, mechanism)
-        q, qd, qdd = states(piece, plan.preparation, mechanism)
+    mechanism = piece.mechanism
+    for segment in piece.segments:
+        part = usable(segment, mechanism)
+        q, qd, qdd = states(part, preparation, mechanism)
         samples = Samples(
-            piece.source, piece.start, piece.rate, q, qd, qdd, None, piece.inputs
+            part.source,
+            part.start,
+            part.rate,
+            q,
+            qd,
+            qdd,
+            None,
+            part.inputs,
+            experiment=piece.experiment,
         )
         samples = with_bristles(samples, mechanism)
-        yield piece.start, piece.rate, model.predict(samples, values)
+        yield part.start, part.rate, model.predict(samples, values)

@@ -16,8 +16,9 @@ from echelon.identification.logs.finding import Finding, counted
 from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
-from echelon.identification.scores import Validation
+from echelon.identification.scores import Score, Validation
 from echelon.identification.verdict import by_role
+from echelon.robot import Experiment, Mechanism, mechanism_of
 from echelon.shared import Floats, InputError, extra, one_line, public
 
 if TYPE_CHECKING:
@@ -59,23 +60,23 @@ def fitted_ranges(
     preparation: Preparation, fitted: Validation
 ) -> tuple[FittedRange, ...]:
     """Ranges of all outputs, by the scores of all fitted logs together."""
-    still, band = preparation.still or 0.0, preparation.band or np.inf
-    slowest = (
-        still
-        if isinstance(still, Mapping)
-        else {score.output: still for score in fitted.scores}
-    )
-    return tuple(
-        FittedRange(
-            score.output,
-            band,
-            slowest.get(score.output, 0.0),
-            score.fastest,
-            "m/s" if score.unit == "N" else "rad/s",
-            score.rows,
-            score.rows - score.moving.rows,
-        )
-        for score in fitted.scores
+    return tuple(_range(preparation, score) for score in fitted.scores)
+
+
+def _range(preparation: Preparation, score: Score) -> FittedRange:
+    experiment, _, name = score.output.partition(".")
+    own = preparation.experiments.get(experiment)
+    name = score.output if own is None else name
+    own = own or preparation
+    still = own.still or 0.0
+    return FittedRange(
+        score.output,
+        own.band or np.inf,
+        still.get(name, 0.0) if isinstance(still, Mapping) else still,
+        score.fastest,
+        "m/s" if score.unit == "N" else "rad/s",
+        score.rows,
+        score.rows - score.moving.rows,
     )
 
 
@@ -137,6 +138,8 @@ class Identification:
         Reasons not to use the model; empty if there are none.
     hypotheses : tuple of Judged
         Possible errors of model and logs: those that explain residuals, and the next best.
+    experiments : tuple of Experiment
+        The experiments that the logs belong to; none for one robot in one set-up.
     """
 
     base: BaseModel
@@ -154,6 +157,7 @@ class Identification:
     verdict: str = ""
     reasons: tuple[str, ...] = ()
     hypotheses: tuple[Judged, ...] = ()
+    experiments: tuple[Experiment, ...] = ()
 
     @property
     def pooled(self) -> tuple[Validation, ...]:
@@ -164,6 +168,13 @@ class Identification:
     def ranges(self) -> tuple[FittedRange, ...]:
         """Band, speeds and left-out rows of every output; elsewhere the model extrapolates."""
         return fitted_ranges(self.preparation, self.pooled[0])
+
+    @property
+    def robot(self) -> Mechanism:
+        """The robot; of experiments that of the first one."""
+        if not self.experiments:
+            return self.base.mechanism
+        return mechanism_of(self.experiments[0].robot)
 
     @property
     def values(self) -> Floats:

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -24,12 +24,17 @@ from echelon.identification.estimators.least_squares import noise_estimate
 from echelon.identification.logs.columns.column_map import ColumnMap, signal_names
 from echelon.identification.logs.finding import Finding, counted, note, warning
 from echelon.identification.logs.preparation.choices import Signals, chosen
-from echelon.identification.logs.preparation.prepare import Preparation, PreparationPlan
+from echelon.identification.logs.preparation.prepare import (
+    Preparation,
+    PreparationPlan,
+    restricted,
+)
 from echelon.identification.logs.read_log import LogPiece, read_log
 from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.setup.setup import Setup
+from echelon.robot import Mechanism
 from echelon.shared import Floats, InputError
 
 MOST_LOGS = 64  # logs that are looked at; of a long log, its first piece
@@ -50,11 +55,12 @@ def survey(
     setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequence[Path] = ()
 ) -> Survey:
     """Look at the logs and choose what the set-up leaves open."""
-    segments: list[Segment] = []
     findings: list[Finding] = []
+    looked: dict[str, tuple[Mechanism, list[Segment]]] = {}
     for path in paths[:MOST_LOGS]:
         piece = _first_piece(setup, path)
         findings += piece.findings
+        _, segments = looked.setdefault(piece.experiment, (piece.mechanism, []))
         if sum(map(len, segments)) < MOST_SAMPLES:
             segments += piece.segments
     for path in unseen[:MOST_LOGS]:
@@ -62,31 +68,65 @@ def survey(
     if max(len(paths), len(unseen)) > MOST_LOGS:
         text = f"only the first {MOST_LOGS} of {len(paths)} fitted logs and of {len(unseen)} others were examined"
         findings.append(note("survey", "", text))
-    log = Signals.of(segments, setup.mechanism)
-    preparation, noisy = chosen(setup.preparation, log), None
-    if setup.preparation.band is None:
+    made: dict[str, Survey] = {}
+    for name, (mechanism, segments) in looked.items():
+        own = base.experiment(name) if name else base
+        made[name] = _choices(setup, own, mechanism, segments)
+        findings += made[name].findings
+    if len(made) == 1 and "" in made:
+        return replace(made[""], findings=tuple(findings))
+    return Survey(
+        _of_all({n: some.preparation for n, some in made.items()}), tuple(findings)
+    )
+
+
+def _of_all(made: Mapping[str, Preparation]) -> Preparation:
+    """The preparation of several experiments, which shows the widest band."""
+    widest = max(made.values(), key=lambda some: some.band or 0.0)
+    reasons = {
+        f"{setting} of {name}": text
+        for name, some in made.items()
+        for setting, text in some.reasons.items()
+    }
+    return widest.model_copy(update={"experiments": dict(made), "reasons": reasons})
+
+
+def _choices(
+    setup: Setup, base: BaseModel, mechanism: Mechanism, segments: Sequence[Segment]
+) -> Survey:
+    """Choices for the logs of one experiment; what needs a model of the outputs is left out where contacts touch."""
+    stated, log = setup.preparation, Signals.of(segments, mechanism)
+    if setup.experiments:
+        stated = restricted(stated, mechanism)
+    preparation, noisy = chosen(stated, log), None
+    if mechanism.contacts:
+        delays = stated.delays or {}
+        preparation = preparation.model_copy(update={"delays": delays})
+        return Survey(preparation, tuple(_short(preparation, segments, mechanism)))
+    if stated.band is None:
         preparation, noisy = with_band(preparation, log, base)
-        findings += [] if noisy is None else [noisy.finding]
-    preparation = preparation.model_copy(update={"delays": setup.preparation.delays})
+    if noisy is not None and setup.experiments:
+        noisy = replace(noisy, corrects=False)
+    preparation = preparation.model_copy(update={"delays": stated.delays})
     preparation = with_delays(preparation, segments, base)
-    findings += _short(preparation, segments, base)
+    findings = [] if noisy is None else [noisy.finding]
+    findings += _short(preparation, segments, mechanism)
     return Survey(preparation, tuple(findings), noisy)
 
 
 def _short(
-    preparation: Preparation, segments: Sequence[Segment], base: BaseModel
+    preparation: Preparation, segments: Sequence[Segment], mechanism: Mechanism
 ) -> list[Finding]:
     """Findings about stretches that filters leave nothing of."""
     short = [
         s
         for s in segments
-        if PreparationPlan(preparation, base.mechanism, s.rate).is_short(s)
+        if PreparationPlan(preparation, mechanism, s.rate).is_short(s)
     ]
     if not short:
         return []
     needed = (
-        PreparationPlan(preparation, base.mechanism, short[0].rate).needed
-        / short[0].rate
+        PreparationPlan(preparation, mechanism, short[0].rate).needed / short[0].rate
     )
     lost = sum(len(segment) / segment.rate for segment in short)
     stretches = counted(len(short), "stretch is", "stretches are")
@@ -169,7 +209,18 @@ def _beginnings(plan: LogPlan, paths: Sequence[Path]) -> Iterator[Samples]:
 
 
 def _travels(base: BaseModel, samples: Sequence[Samples]) -> Iterator[Travel]:
-    of = base.mechanism
+    groups: dict[str, list[Samples]] = {}
+    for some in samples:
+        groups.setdefault(some.experiment, []).append(some)
+    rows = ModelRows.of(base, samples)
+    for experiment, group in groups.items():
+        mechanism = rows.own(group[0]).base.mechanism
+        prefix = f"{experiment}." if experiment else ""
+        for travel in _travels_in(mechanism, group):
+            yield replace(travel, coordinate=prefix + travel.coordinate)
+
+
+def _travels_in(of: Mechanism, samples: Sequence[Samples]) -> Iterator[Travel]:
     q, qd = (
         np.concatenate([getattr(some, name) for some in samples])
         for name in ("q", "qd")

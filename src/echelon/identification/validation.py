@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain, islice
 
 import numpy as np
 import numpy.typing as npt
@@ -87,9 +88,10 @@ def _predicted(
     model: ModelRows, samples: Samples, y: Floats, values: Sequence[Floats]
 ) -> Iterator[PredictedOutput]:
     signals = np.stack([y, *(model.predict(samples, some) for some in values)], axis=2)
+    samples, signals = model.free(samples, signals)
     times, rows, moving = rows_taken(samples, signals)
     inside, measured = slice(samples.first, samples.stop), rows_measured(samples)
-    for i, speed in enumerate(_speeds(model.base.mechanism, samples)):
+    for i, speed in enumerate(_speeds(model.own(samples).base.mechanism, samples)):
         told = slice(None) if measured is None else measured[:, i]
         true = slice(None) if samples.pinned is None else ~samples.pinned[inside, i]
         mine = rows[told, i]
@@ -98,7 +100,7 @@ def _predicted(
             mine[:, 0],
             mine[:, 1:],
             np.ones(len(mine), dtype=bool) if moving is None else moving[told, i],
-            (y[inside, i][true], signals[inside, i, 1:][true]),
+            (signals[inside, i, 0][true], signals[inside, i, 1:][true]),
             _NAN if speed is None else float(np.abs(speed).max(initial=0.0)),
             None if speed is None else rows_filtered(samples, speed[:, :1])[told, 0],
         )
@@ -123,7 +125,12 @@ def validated(
 ) -> Validation:
     """Scores of models with given base parameters on prepared samples."""
     values = [_checked(model, some, name) for name, some in models.items()]
-    outputs = [(output.name, output.unit) for output in model.base.mechanism.outputs]
+    following = iter(samples)
+    first = list(islice(following, 1))
+    mechanism = model.base.mechanism
+    outputs = [(output.name, output.unit) for output in mechanism.outputs]
+    outputs = model.named(first[0]) if first else outputs
+    samples = chain(first, following)
     # while one stretch is judged, the next is predicted, and the one after that is read
     signals = prefetched(predicted(model, prefetched(samples), values))
     return validate(

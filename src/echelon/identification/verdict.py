@@ -34,9 +34,11 @@ def pooled(validations: Sequence[Validation]) -> Validation:
         return first
 
     def summed(name: str) -> tuple[Score, ...]:
-        of_logs = [getattr(validation, name) for validation in validations]
-        of_outputs = zip(*of_logs, strict=True)
-        return tuple(reduce(Score.__add__, some) for some in of_outputs)
+        of_outputs: dict[str, list[Score]] = {}
+        for validation in validations:
+            for score in getattr(validation, name):
+                of_outputs.setdefault(score.output, []).append(score)
+        return tuple(reduce(Score.__add__, some) for some in of_outputs.values())
 
     scores, prior, plain = map(summed, ("scores", "prior_scores", "plain_scores"))
     found = Validation(

@@ -53,7 +53,7 @@ from echelon.formats import (
     UnfitError,
     stated_limits,
 )
-from echelon.identification import Finding, Setup, listed, note, warning
+from echelon.identification import Finding, Setup, check_single, listed, note, warning
 from echelon.robot import Mechanism, known_values, lock_joints, lockable
 from echelon.shared import Floats, InputError, locating, nearest_of
 
@@ -345,7 +345,7 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
     """Work out what moves and what limits there are, for the section ``excitation`` as it is or changed."""
     with locating(setup.source):
         findings: list[Finding] = []
-        _check_single(setup.mechanism)
+        check_single(setup)
         positions = _held(setup, entry, findings)
         mechanism = lock_joints(setup.mechanism, positions)
         if not mechanism.velocities:
@@ -383,22 +383,6 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
             weights,
             smooth,
             tuple(findings),
-        )
-
-
-def _check_single(mechanism: Mechanism) -> None:
-    """Refuse several experiments, and contacts, whose motions must not slip."""
-    if mechanism.experiments:
-        raise InputError(
-            f"a motion is that of one experiment: name one of {listed(mechanism.experiments)}, as --experiment or "
-            "experiment=",
-            element="experiments",
-        )
-    if mechanism.contacts:
-        raise InputError(
-            "motions in which no contact slips cannot be planned yet: leave out the contacts of an experiment whose feet "
-            "are in the air, or plan the steps elsewhere and judge them by ec.sampled_rank",
-            element=f"contact '{mechanism.contacts[0].name}'",
         )
 
 

@@ -136,6 +136,28 @@ _BY_NAME = (
 class LogEntry(Model):
     """Columns of the logs."""
 
+    experiment: Name | None = optional(
+        None,
+        "Experiment that the logs belong to; default: the one whose name is a word in the log's file name, or what the "
+        "columns under contact tell.",
+        "wall",
+    )
+    files: Annotated[tuple[Name, ...], BeforeValidator(_stages)] = optional(
+        (),
+        "File names of the logs that this is for, with * for any text; default: all that have its columns.",
+        ["wall_*.csv"],
+    )
+    contact: Columns | None = optional(
+        None,
+        "For each contact by name, or all: a column that is above zero where it touches. Offset -20 means: from 20 N.",
+        "contact_{name}",
+    )
+    twist: Literal["mixed", "body", "world"] = optional(
+        "mixed",
+        "Axes of the velocities of a floating base: mixed (linear along the world's axes, angular about its own), body "
+        "(both its own) or world (both the world's).",
+        "body",
+    )
     time: Column | None = optional(
         None,
         "Time stamps; default: those that messages of a bag have, or guessed.",

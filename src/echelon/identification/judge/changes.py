@@ -52,7 +52,8 @@ def _loads(base: BaseModel, states: States) -> Iterator[tuple[str, Floats]]:
     B = base.B_float(states.symbols)
     for index, body in enumerate(mechanism.bodies):
         mine = [k for k, column in enumerate(mechanism.columns) if column.body == index]
-        if index in carriers or len(mine) < PER_BODY:
+        is_seen = np.any(B[:, mine])  # not where it belongs to another experiment
+        if index in carriers or len(mine) < PER_BODY or not is_seen:
             continue
         left, sizes, _ = np.linalg.svd(B[:, mine], full_matrices=False)
         told = sizes > _ROUNDING * sizes.max(initial=1e-300)

@@ -41,7 +41,7 @@ from echelon.identification.logs.long_log import joint_by_joint
 from echelon.identification.logs.preparation.segments import segments
 from echelon.identification.logs.recording import Recording, Segment
 from echelon.identification.logs.units import factor
-from echelon.robot import Mechanism
+from echelon.robot import Mechanism, experiment_of
 from echelon.shared import Floats, InputError, locating
 
 
@@ -52,6 +52,10 @@ class LogPiece:
     segments: tuple[Segment, ...]  # its uninterrupted stretches
     findings: tuple[Finding, ...]  # what is wrong with it, or worth knowing
     recording: Recording  # as it was logged, row by row
+    mechanism: (
+        Mechanism  # that the log is of: that of its experiment, where there are several
+    )
+    experiment: str = ""
 
 
 def read_log(
@@ -65,13 +69,18 @@ def read_log(
 ) -> Iterator[LogPiece]:
     """Read a log in the robot's terms, piece by piece.
 
-    Of several column maps the first one whose columns are all there is used.  Segments are resampled to ``rate``, Hz.
+    Of several column maps for the log the first one whose columns are all there is used.  A log of an experiment is in
+    the terms of that.  Segments are resampled to ``rate``, Hz.
     Faults that spoil no sample are looked for only if they are to be ``named``.
     """
     log = opened(path)
     if not outputs:  # a map that has all it names comes before the same without outputs
         columns = [*columns, *(replace(some, outputs={}) for some in columns)]
-    chosen = _chosen(log, columns)
+    chosen = map_of(log, columns)
+    if mechanism.experiments:
+        mechanism = experiment_of(
+            mechanism, chosen.experiment or _touching_most(mechanism)
+        )
     findings = surplus_columns(chosen, log.names, mechanism)
     tables = log.tables(_needed(chosen, log.names, log.source))
     table, following = next(tables, None), next(tables, None)
@@ -82,7 +91,8 @@ def read_log(
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole, named=named)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)
-        yield LogPiece(parts, (*findings, *lost, *faults, *more), recorded)
+        found = (*findings, *lost, *faults, *more)
+        yield LogPiece(parts, found, recorded, mechanism, chosen.experiment)
         findings, table, following = (), following, next(tables, None)
 
 
@@ -94,11 +104,34 @@ def _left_out(table: Table) -> tuple[Finding, ...]:
     return (warning("rows", table.source, text),)
 
 
-def _chosen(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
-    """The map whose columns a file has; for none, the error says what the nearest one lacks."""
+def _touching_most(mechanism: Mechanism) -> str:
+    """The experiment with most contacts, in whose terms a log is read whose contacts change."""
+    counts = dict.fromkeys(mechanism.experiments, 0)
+    for contact in mechanism.contacts:
+        counts[contact.name.partition(".")[0]] += 1
+    return max(counts, key=lambda name: counts[name])
+
+
+def map_of(log: LogFile, columns: Sequence[ColumnMap]) -> ColumnMap:
+    """The map for a file whose columns it has; for none, the error says what the nearest one lacks."""
     if not columns:
         problem = "the set-up lacks the section  log, which names the columns: add it, or let  echelon setup  write it"
         raise InputError(problem, source=log.source)
+    known = list(dict.fromkeys(some.experiment for some in columns))
+    exactly = [some for some in columns if log.source in some.files]
+    columns = exactly or [some for some in columns if some.is_for(log.source)]
+    found = {some.experiment for some in columns}
+    # the name of one experiment may hold that of another
+    whole = {
+        name for name in found if not any(name in other for other in found - {name})
+    }
+    if len(whole) != 1:
+        problem = "no map under  log  is for files of this name: mend  files"
+        if any(known):
+            problem = f"which of the experiments {listed(known)} it is of, its name does not tell: give the file a name with "
+            problem += f'one of them as a word, such as run1_{known[0]}.csv, or state  files: ["…"]  under log'
+        raise InputError(problem, source=log.source)
+    columns = [some for some in columns if some.experiment in whole]
     lacking = [
         sum(name not in log.names for name in needed_columns(some)) for some in columns
     ]

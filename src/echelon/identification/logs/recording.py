@@ -74,6 +74,9 @@ class Samples:
     pinned: Flags | None = (
         None  # shape (N, outputs); where sensors are at a limit; nowhere if None
     )
+    experiment: str = (
+        ""  # that they are of; empty where there is one, or where contacts tell
+    )
 
     def __len__(self) -> int:
         return len(self.q)

@@ -158,23 +158,21 @@ class LogPlan:
         reference: bool = False,
     ) -> Iterator[Samples]:
         """Prepared samples of a log, stretch by stretch; what is too short is left out, unless it is all there is."""
-        mechanism, short, any_left = self.base.mechanism, None, False
+        short, any_left = None, False
         rate = self.preparation.rate
         # the survey does it
         reading = partial(read_log, rate=rate, outputs=outputs, named=False)
-        for piece in reading(path, mechanism, self.columns):
+        for piece in reading(path, self.base.mechanism, self.columns):
+            mechanism, own = piece.mechanism, self.preparation.of(piece.experiment)
             for segment in piece.segments:
-                if PreparationPlan(self.preparation, mechanism, segment.rate).is_short(
-                    segment
-                ):
-                    short = segment
+                plan = PreparationPlan(own, mechanism, segment.rate)
+                if plan.is_short(segment):
+                    short = (plan, segment)
                     continue
                 any_left = True
-                samples = prepare(segment, self.preparation, mechanism)
+                samples = prepare(segment, own, mechanism)
                 if reference:
-                    asked = prepare(
-                        _along_reference(segment), self.preparation, mechanism
-                    )
+                    asked = prepare(_along_reference(segment), own, mechanism)
                     samples = replace(
                         asked,
                         moving=samples.moving,
@@ -182,9 +180,11 @@ class LogPlan:
                         first=samples.first,
                         stop=samples.stop,
                     )
+                samples = replace(samples, experiment=piece.experiment)
                 yield from self.parts(samples, part)
         if short is not None and not any_left:
-            PreparationPlan(self.preparation, mechanism, short.rate).check(short)
+            plan, segment = short
+            plan.check(segment)
 
     def rows(
         self,

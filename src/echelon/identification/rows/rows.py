@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -22,6 +22,11 @@ import numpy.typing as npt
 
 from echelon.base import BaseModel
 from echelon.compute import Layout, Observation, upper_triangle
+from echelon.identification.logs.columns.conversion import (
+    is_contact_input,
+    touching,
+)
+from echelon.identification.logs.finding import listed
 from echelon.identification.logs.recording import Samples
 from echelon.shared import Flags, Floats, InputError, Integers
 
@@ -92,14 +97,25 @@ class RowStream(Protocol):
 
 _WINDOW = 1 << 14
 """Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""
+_FREE_WINDOW = 1 << 11
+"""Samples whose dense regressor is held at once, where contact forces are projected out."""
 _UNKNOWN = 0.05
 """Weight in a row of samples near standstill, or at a limit of their sensor, beyond which the row is left out."""
 _REACHES = 8  # windows are at least so many times longer than what the filter reaches
 
 
+FORCES = "outputs"
+"""Name of the rows of all outputs, which are mixed once contact forces are projected out."""
+
+
 @dataclass(frozen=True, repr=False)
 class ModelRows:
-    """Rows of [W y] of a base model at prepared samples; see :class:`echelon.identification.rows.rows.RowStream`."""
+    """Rows of [W y] of a base model at prepared samples; see :class:`echelon.identification.rows.rows.RowStream`.
+
+    Of several experiments each has outputs of its own, and no rows of those of the others.  Where contacts touch, T of
+    :meth:`echelon.BaseModel.without_contact_forces` takes the unknown forces off both sides.  It mixes the outputs, so
+    that all of an experiment are one.  Outputs of joints at rest, or of sensors at a limit, are unknown forces as well.
+    """
 
     base: BaseModel
     # returns the samples, the same ones every time it is called
@@ -117,15 +133,56 @@ class ModelRows:
         return self.base.units
 
     @cached_property
+    def parts(self) -> Mapping[str, ModelRows]:
+        """Rows of each experiment by its name, in the base parameters of all; themselves where there is one."""
+        names = self.base.mechanism.experiments
+        if not names:
+            return {"": self}
+        models = {name: self.base.experiment(name) for name in names}
+        return {
+            n: ModelRows(base, self.source, self.symbols) for n, base in models.items()
+        }
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether they are the rows of a single robot that nothing touches."""
+        mechanism = self.base.mechanism
+        return not (mechanism.experiments or mechanism.contacts)
+
+    def own(self, samples: Samples) -> ModelRows:
+        """The rows of the experiment that samples are of; where contacts tell, of that with most contacts."""
+        if not self.base.mechanism.experiments:
+            return self
+        if samples.experiment:
+            return self.parts[samples.experiment]
+        return max(
+            self.parts.values(), key=lambda rows: len(rows.base.mechanism.contacts)
+        )
+
+    def named(self, samples: Samples) -> list[tuple[str, str]]:
+        """Names and units of the outputs of some samples, in which validations name them."""
+        prefix = f"{samples.experiment}." if samples.experiment else ""
+        outputs = self.own(samples).base.mechanism.outputs
+        return [(prefix + output.name, output.unit) for output in outputs]
+
+    @cached_property
     def layout(self) -> Layout:
         """Outputs, base parameters, and which of them each output can depend on."""
-        outputs, parameters = self.base.function("regressor").axes
-        rows, columns = self.base.sparsity
-        kept = (
-            tuple(sorted(columns[rows == output].tolist()))
-            for output in range(len(outputs))
-        )
-        return Layout(outputs, parameters, tuple(kept))
+        every = tuple(range(self.base.rank))
+        outputs: list[str] = []
+        kept: list[tuple[int, ...]] = []
+        for name, part in self.parts.items():
+            if self.base.mechanism.contacts:
+                outputs.append(name or FORCES)
+                kept.append(every)
+                continue
+            names = [output.name for output in part.base.mechanism.outputs]
+            rows, columns = part.base.sparsity
+            outputs += [f"{name}.{output}" if name else output for output in names]
+            kept += [
+                tuple(sorted(columns[rows == k].tolist())) for k in range(len(names))
+            ]
+        return Layout(tuple(outputs), tuple(self.base.pivots), tuple(kept))
 
     def blocks(self) -> Iterator[RowBlock]:
         """The rows that are fitted, in the order of time, log after log."""
@@ -135,7 +192,15 @@ class ModelRows:
 
     def blocks_of(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
         """The rows of some samples, in the order of time."""
-        _check_outputs(samples, self.layout)
+        own = self.own(samples)
+        _check_outputs(samples, own.base)
+        if self.base.mechanism.contacts:
+            yield from self._free_blocks(samples, segment)
+            return
+        if own is not self:
+            for block in own.blocks_of(samples_alone(samples), segment):
+                yield self._widened(block, samples.experiment)
+            return
         # new memory for every window would take as long as its use
         room = np.empty((0, self.base.sparsity.shape[1]))
         for window in self._windows(samples):
@@ -152,29 +217,146 @@ class ModelRows:
                 self._entries(samples, low, high, room[: high - low]),
             )
 
+    def _widened(self, block: RowBlock, experiment: str) -> RowBlock:
+        """Rows of an experiment among the outputs of all."""
+        own = self.parts[experiment].base.mechanism.outputs
+        names = [f"{experiment}.{output.name}" for output in own]
+        rows = zip(block.times, block.matrices, block.y, strict=True)
+        return self._placed(
+            block.source, block.segment, dict(zip(names, rows, strict=True))
+        )
+
+    def _placed(
+        self,
+        source: str,
+        segment: int,
+        rows: Mapping[str, tuple[Floats, Floats, Floats]],
+    ) -> RowBlock:
+        """Times, matrices and measured values of some outputs, and no rows of the others."""
+        none = np.zeros(0)
+        parts = [
+            rows.get(name, (none, np.zeros((0, len(columns))), none))
+            for name, columns in zip(
+                self.layout.outputs, self.layout.columns, strict=True
+            )
+        ]
+        times, matrices, y = zip(*parts, strict=True)
+        return RowBlock(source, segment, times, matrices, y)
+
+    # -- contacts ----------------------------------------------------------------------------------------------------
+
+    def phases(self, samples: Samples) -> Integers:
+        """Numbers of the parts that samples belong to, shape (N,): the fewest contacts that hold all that touch."""
+        sets = [
+            {contact.name for contact in part.base.mechanism.contacts}
+            for part in self.parts.values()
+        ]
+        if samples.experiment or len(sets) == 1:
+            return np.full(len(samples), list(self.parts).index(samples.experiment))
+        names = [contact.name for contact in self.own(samples).base.mechanism.contacts]
+        flags = touching(samples.inputs, names)
+        kinds, of = np.unique(flags, axis=0, return_inverse=True)
+        chosen = []
+        for kind in kinds:
+            touch = {name for name, flag in zip(names, kind, strict=True) if flag}
+            fitting = [k for k, some in enumerate(sets) if some >= touch]
+            if not fitting:
+                raise InputError(
+                    f"{listed(sorted(touch))} touch together, and no experiment has them all: add one with  contacts: "
+                    f"[{', '.join(sorted(touch))}]",
+                    source=samples.source,
+                )
+            chosen.append(min(fitting, key=lambda k: len(sets[k])))
+        return np.array(chosen)[of.ravel()]
+
+    def projectors(self, samples: Samples, phases: Integers) -> Floats:
+        """Matrices (N, outputs, outputs) that take unknown forces off the outputs of some samples."""
+        outputs = self.own(samples).base.mechanism.outputs
+        unknown = np.zeros((len(samples), len(outputs)), dtype=bool)
+        if samples.pinned is not None:
+            unknown |= samples.pinned
+        if samples.moving is not None:
+            unknown |= ~samples.moving
+        found = np.empty((*unknown.shape, unknown.shape[1]))
+        for k, part in enumerate(self.parts.values()):
+            some = phases == k
+            if some.any():
+                found[some] = _projectors(
+                    part.base, samples.q[some], unknown[some], self.symbols
+                )
+        return found
+
+    def free(self, samples: Samples, signals: Floats) -> tuple[Samples, Floats]:
+        """Samples and signals (N, outputs, …) of them without unknown contact forces; as they are without contacts."""
+        if not self.base.mechanism.contacts:
+            return samples, signals
+        T = self.projectors(samples, self.phases(samples))
+        return replace(samples, moving=None, pinned=None), T @ signals
+
+    def _free_blocks(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
+        own, phases, y = self.own(samples), self.phases(samples), samples.y
+        assert y is not None
+        for start, stop in self._windows(samples, _FREE_WINDOW):
+            low, high = self._around(samples, (start, stop))
+            part = samples.cut(slice(low, high))
+            regressor = own.base.regressor(
+                part.q, part.qd, part.qdd, self.symbols, inputs_of_effects(part)
+            )
+            table = np.concatenate([regressor, y[low:high, :, None]], axis=2)
+            table = self.projectors(part, phases[low:high]) @ table
+            kept = np.arange(high - low)
+            if samples.reduction is not None:
+                kept = samples.reduction.kept(high - low)
+                table = samples.reduction.apply(table.reshape(high - low, -1)).reshape(
+                    len(kept), *table.shape[1:]
+                )
+            places = low + kept
+            inside = (places >= max(start, samples.first)) & (places < stop)
+            places = places[inside]
+            rows = {}
+            for k, name in enumerate(self.parts):
+                some = phases[places] == k
+                at = samples.start + places[some] / samples.rate
+                mixed = table[inside][some].reshape(-1, table.shape[2])
+                times = np.repeat(at, table.shape[1])
+                rows[name or FORCES] = (times, mixed[:, :-1], mixed[:, -1])
+            yield self._placed(samples.source, segment, rows)
+
+    # -- factors of single models ------------------------------------------------------------------------------------
+
     def observation(self) -> Observation:
         """The R-factors of all rows."""
         total = _empty(self.layout)
         for samples in prefetched(self.source()):
-            _check_outputs(samples, self.layout)
+            _check_outputs(samples, self.own(samples).base)
+            is_fused = plain(samples) and self.is_plain
             # in the order in which rows in memory would be added
-            parts = [self._fused(samples)] if plain(samples) else self._factors(samples)
+            parts = [self._fused(samples)] if is_fused else self._factors(samples)
             total = reduce(stacked, parts, total)
         return total
 
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
-        """The outputs at all samples, before any filter; shape (N, outputs)."""
+        """The outputs at all samples, before any filter; shape (N, outputs); without forces at contacts."""
+        own = self.own(samples)
+        if self.base.mechanism.contacts:
+            q, qd, qdd = samples.q, samples.qd, samples.qdd
+            inputs = inputs_of_effects(samples)
+            regressor = own.base.regressor(q, qd, qdd, self.symbols, inputs)
+            return np.asarray(regressor @ np.asarray(values, dtype=float))
+        if own is not self:
+            return own.predict(samples_alone(samples), values)
         return self.base.predict(
             samples.q, samples.qd, samples.qdd, values, inputs=dict(samples.inputs)
         )
 
     # -- windows -----------------------------------------------------------------------------------------------------
 
-    def _windows(self, samples: Samples) -> Iterator[tuple[int, int]]:
+    @staticmethod
+    def _windows(samples: Samples, most: int = _WINDOW) -> Iterator[tuple[int, int]]:
         """Stretches of samples that rows are made of, before the overlap; they start where a row may stand."""
         stop, factor = samples.end, samples.factor
         reach = 0 if samples.reduction is None else samples.reduction.reach
-        size = -(-max(_WINDOW, _REACHES * reach) // factor) * factor
+        size = -(-max(most, _REACHES * reach) // factor) * factor
         first = samples.first // factor * factor
         yield from (
             (start, min(start + size, stop)) for start in range(first, stop, size)
@@ -245,6 +427,25 @@ class ModelRows:
 
     def _factors(self, samples: Samples) -> Iterator[Observation]:
         return (observed(self.layout, block) for block in self.blocks_of(samples, 0))
+
+
+def samples_alone(samples: Samples) -> Samples:
+    """Samples as the model of their experiment takes them."""
+    return replace(samples, experiment="")
+
+
+def inputs_of_effects(samples: Samples) -> dict[str, Floats]:
+    """Inputs without those that say what touches."""
+    return {n: v for n, v in samples.inputs.items() if not is_contact_input(n)}
+
+
+def _projectors(
+    base: BaseModel, q: Floats, unknown: Flags, symbols: Mapping[str, float] | None
+) -> Floats:
+    """Matrices (N, outputs, outputs) that take forces at contacts and unknown outputs off."""
+    if base.mechanism.contacts:
+        return base.without_contact_forces(q, symbols=symbols, unknown=unknown)
+    return np.eye(unknown.shape[1]) * ~unknown[:, :, None]
 
 
 class Numbering:
@@ -351,9 +552,9 @@ def plain(samples: Samples) -> bool:
     )
 
 
-def _check_outputs(samples: Samples, layout: Layout) -> None:
+def _check_outputs(samples: Samples, base: BaseModel) -> None:
     if samples.y is None:
-        names = ", ".join(layout.outputs)
+        names = ", ".join(output.name for output in base.mechanism.outputs)
         raise InputError(
             f"the log holds no measured outputs; expected {names}",
             source=samples.source,

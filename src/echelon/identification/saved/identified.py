@@ -160,16 +160,20 @@ def identification_document(result: Identification) -> dict[str, Any]:
         ),
         logs=_logs(result),
         columns=settings.pop("columns", []),
-        # an infinite cut-off, which means no filter, as a word
-        preparation={
-            key: "inf" if value == math.inf else value
-            for key, value in result.preparation.model_dump().items()
-        },
+        preparation=_preparation(result.preparation),
         settings=settings,
         base=to_dict(result.base),
     )
     found: dict[str, Any] = plain_data(document)
     return found
+
+
+def _preparation(preparation: Preparation) -> dict[str, Any]:
+    """A preparation with an infinite cut-off, which means no filter, as a word."""
+    stated = preparation.model_dump().items()
+    found = {key: "inf" if value == math.inf else value for key, value in stated}
+    own = preparation.experiments.items()
+    return {**found, "experiments": {name: _preparation(some) for name, some in own}}
 
 
 def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:

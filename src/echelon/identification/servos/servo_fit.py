@@ -44,7 +44,7 @@ from echelon.identification.servos.servo_start import (
     stated_values,
 )
 from echelon.identification.setup.logs import with_logs
-from echelon.identification.setup.setup import Setup
+from echelon.identification.setup.setup import Setup, check_single, setup_of
 from echelon.robot import Mechanism
 from echelon.shared import Floats, InputError, one_thread, public
 
@@ -202,7 +202,7 @@ def fit_servos(
     >>> setup = ec.load_setup("examples/logs/so101.yaml")
     >>> fit = ec.fit_servos(setup, ["episodes/"])                                               # doctest: +SKIP
     """
-    setup, paths, _ = with_logs(setup, logs)
+    setup, paths, _ = with_logs(check_single(setup_of(setup)), logs)
     step, mechanism = on_step or (lambda _: None), setup.mechanism
     names = _checked_joints(mechanism)
     with one_thread():

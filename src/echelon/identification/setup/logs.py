@@ -21,15 +21,25 @@ from echelon.identification.logs.columns.by_values import is_still
 from echelon.identification.logs.columns.column_guess import guess
 from echelon.identification.logs.columns.column_map import Channel, ColumnMap
 from echelon.identification.logs.columns.column_names import is_output
-from echelon.identification.logs.columns.conversion import needed_columns
+from echelon.identification.logs.columns.conversion import needed_columns, unpushed
 from echelon.identification.logs.columns.magnitudes import with_units
 from echelon.identification.logs.files.log_file import LogFile, Table
 from echelon.identification.logs.files.numpy_file import MemoryLog
 from echelon.identification.logs.files.open_log import log_paths
 from echelon.identification.logs.finding import listed
 from echelon.identification.logs.long_log import LongLog
-from echelon.identification.logs.read_log import first_table, measured, opened
+from echelon.identification.logs.read_log import (
+    first_table,
+    map_of,
+    measured,
+    opened,
+)
 from echelon.identification.logs.units import factor
+from echelon.identification.setup.experiments import (
+    by_experiment,
+    told_apart,
+    with_phases,
+)
 from echelon.identification.setup.setup import Setup, setup_of, with_usual
 from echelon.robot import Mechanism, lock_joints, lockable
 from echelon.shared import MOST_NAMED, InputError, nearest_word
@@ -49,12 +59,15 @@ def with_logs(
     Without ``usual`` it keeps the effects that it states, and joints at rest move elsewhere.
     """
     setup = with_usual(setup_of(setup)) if usual else setup_of(setup)
+    if setup.mechanism.experiments:
+        return _of_experiments(setup, logs, others)
     fitted, unseen = (
         joined(log_paths(some), setup.mechanism, setup.columns)
         for some in (logs, others)
     )
     if setup.columns:
-        return _as_logged(setup, (*fitted, *unseen)), fitted, unseen
+        setup = _resting_on(_as_logged(setup, (*fitted, *unseen)))
+        return with_phases(setup, fitted), fitted, unseen
     kinds: dict[tuple[str, ...], LogFile] = {}
     for path in (*fitted, *unseen):
         file = opened(path)
@@ -106,6 +119,60 @@ def _as_logged(setup: Setup, paths: Sequence[Path]) -> Setup:
 def _consequence(names: str) -> str:
     """What follows where an output is not measured."""
     return f"parameters that only the output of {names} shows are left out, and it is not predicted"
+
+
+def _resting_on(setup: Setup) -> Setup:
+    """The set-up with what is taken for granted of a robot in contact."""
+    plate = next((c for c in setup.mechanism.contacts if c.measured), None)
+    if plate is not None:
+        raise InputError(
+            "forces that a plate measures are not read from logs: leave out  measured,  and they count as unknown",
+            source=setup.source,
+            element=f"contact '{plate.name}'",
+        )
+    if not setup.mechanism.contacts:
+        return setup
+    text = "forces at contacts are taken off both sides of the equations of motion, and nobody asks what else may be wrong "
+    text += "or lacking in these logs"
+    if unpushed(setup.mechanism):
+        text = f"nothing but its contacts pushes the floating base; {text}"
+    return replace(setup, assumed=(*setup.assumed, text))
+
+
+def _of_experiments(
+    setup: Setup, logs: Any, others: Any
+) -> tuple[Setup, tuple[Path, ...], tuple[Path, ...]]:
+    """A set-up with the experiments that logs are of and their columns, and the paths of two lists of logs."""
+    names = setup.mechanism.experiments
+    if not setup.experiments:
+        raise InputError(
+            "its experiments are written out as trees: take the file that states them with the robot",
+            source=setup.source,
+            element="experiments",
+        )
+    fitted, unseen = (list(by_experiment(some, names)) for some in (logs, others))
+    named = [ColumnMap(experiment=name) for name in names]
+    columns: list[ColumnMap] = []
+    for name, path in (*fitted, *unseen):
+        if not setup.columns:
+            own = name or map_of(opened(path), named).experiment
+            columns.append(_guessed(setup, own, path))
+        elif name:
+            stated = [some for some in setup.columns if some.experiment == name]
+            columns += [replace(some, files=(str(path),)) for some in stated]
+    setup = _resting_on(replace(setup, columns=(*columns, *setup.columns)))
+    first, second = (tuple(path for _, path in some) for some in (fitted, unseen))
+    return told_apart(setup, first, second), first, second
+
+
+def _guessed(setup: Setup, experiment: str, path: Path) -> ColumnMap:
+    """The columns of a log of an experiment, by their names."""
+    robot = next(e.mechanism for e in setup.experiments if e.name == experiment)
+    found = understood(opened(path), replace(setup, mechanism=robot), only=False)
+    if found.problems:
+        advice = "state what the columns are, under log"
+        raise InputError("; ".join([*found.problems, advice]), source=str(path))
+    return replace(found.columns, experiment=experiment, files=(str(path),))
 
 
 @dataclass(frozen=True)
@@ -392,18 +459,10 @@ def _without_empty(columns: ColumnMap, table: Table) -> tuple[ColumnMap, list[st
 def _columns_without(
     columns: ColumnMap, locked: Collection[str], silent: Collection[str]
 ) -> ColumnMap:
-    def left(kind: str, gone: Collection[str] = locked) -> dict[str, Channel]:
-        return {
-            name: channel
-            for name, channel in columns.channels[kind].items()
-            if name not in gone
-        }
+    def is_left(kind: str, name: str) -> bool:
+        return name not in locked and not (kind == "output" and name in silent)
 
-    q, v, a, r = (
-        left(kind) for kind in ("position", "velocity", "acceleration", "reference")
-    )
-    y = left("output", {*locked, *silent})
-    return ColumnMap(columns.time, columns.rate, q, v, a, y, r, sensors=columns.sensors)
+    return columns.kept(is_left)
 
 
 def _without(

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,8 +43,21 @@ from echelon.identification.logs.columns.motion_sensors import (
     inclinometer,
 )
 from echelon.identification.logs.finding import listed
-from echelon.robot import Mechanism, known_values
-from echelon.shared import InputError, in_quotes, nearest, nearest_of, page, public
+from echelon.robot import (
+    Experiment,
+    Mechanism,
+    joined,
+    known_values,
+    mechanism_of,
+)
+from echelon.shared import (
+    InputError,
+    in_quotes,
+    locating,
+    nearest,
+    nearest_of,
+    public,
+)
 
 if TYPE_CHECKING:
     from echelon.formats import Column, ColumnEntry, Columns, Combination, LogEntry
@@ -85,6 +99,8 @@ class Setup:
     seed : int
     document : Document, optional
         The description as it was read, which knows lines.
+    experiments : tuple of Experiment
+        The experiments that the mechanism stands for; none of a robot in one set-up.
     """
 
     source: str
@@ -106,6 +122,7 @@ class Setup:
     measure: tuple[MeasureEntry, ...] = ()
     seed: int = DEFAULT_SEED
     document: Document | None = field(default=None, repr=False)
+    experiments: tuple[Experiment, ...] = ()
 
     def error(self, path: str, problem: str) -> InputError:
         """An error about an element of the file, with its line where that is known.
@@ -123,6 +140,39 @@ class Setup:
         if self.document is None:
             return InputError(problem, source=self.source, element=path)
         return self.document.error(path, problem)
+
+    def with_robot(self, change: Callable[[Mechanism], Mechanism]) -> Setup:
+        """The set-up with a change of its robot, in all experiments.
+
+        Parameters
+        ----------
+        change : callable
+
+        Returns
+        -------
+        Setup
+        """
+        if not self.experiments:
+            return replace(self, mechanism=change(self.mechanism))
+        changed = [
+            replace(e, robot=change(mechanism_of(e.robot))) for e in self.experiments
+        ]
+        return self.of_experiments(changed)
+
+    def of_experiments(self, experiments: Sequence[Experiment]) -> Setup:
+        """The set-up with other experiments.
+
+        Parameters
+        ----------
+        experiments : sequence of Experiment
+
+        Returns
+        -------
+        Setup
+        """
+        return replace(
+            self, mechanism=joined(experiments), experiments=tuple(experiments)
+        )
 
     def with_settings(self, **changes: Any) -> Setup:
         """The set-up with other settings of the section ``identification``.
@@ -142,8 +192,15 @@ class Setup:
 
 
 def setup_of(source: Any) -> Setup:
-    """A set-up as given, or what :func:`load_setup` makes of a robot or its file."""
-    return source if isinstance(source, Setup) else load_setup(source)
+    """A set-up as given, or what :func:`load_setup` makes of a robot or its file; experiments state their effects."""
+    if isinstance(source, Setup):
+        return source
+    several = isinstance(source, Sequence) and not isinstance(source, str)
+    if not several and not isinstance(source, Experiment):
+        return load_setup(source)
+    given = list(source) if several else [source]
+    named = [replace(e, name=e.name or f"e{k}") for k, e in enumerate(given, start=1)]
+    return Setup("experiments", joined(named), experiments=tuple(named))
 
 
 @public
@@ -184,7 +241,6 @@ def load_setup(
     """
     file, options = open_robot(robot, model), ReadingOptions(**reading)
     setup = _described(file, options) if file.is_description else _bare(file, options)
-    _check_single(setup)
     return (
         setup
         if prior is None
@@ -192,23 +248,24 @@ def load_setup(
     )
 
 
-def _check_single(setup: Setup) -> None:
-    """Refuse what rows of logs and motions do not know of yet."""
+def check_single(setup: Setup) -> Setup:
+    """Refuse experiments and contacts, in a set-up for what knows of one robot that nothing touches."""
     mechanism = setup.mechanism
     if mechanism.experiments:
         raise InputError(
-            f"it states the experiments {in_quotes(mechanism.experiments)}, and a log or a motion belongs to one: name "
-            f"it (experiment=, --experiment of excite), or add their observations in Python ({page('experiments')})",
+            f"it states the experiments {in_quotes(mechanism.experiments)}, and this is about one of them: name it, as "
+            "experiment= or --experiment, or leave the others out",
             source=setup.source,
             element="experiments",
         )
     if mechanism.contacts:
         raise InputError(
-            "unmeasured forces act there, and rows of logs would contain them: leave contacts out if the logs have "
-            f"none, or use base.without_contact_forces in Python ({page('experiments')})",
+            "unmeasured forces act there, and motions in which no contact slips cannot be planned yet: leave contacts out "
+            "if there are none; ec.sampled_rank judges motions with contacts",
             source=setup.source,
             element=f"contact '{mechanism.contacts[0].name}'",
         )
+    return setup
 
 
 def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
@@ -225,6 +282,7 @@ def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
 
 def with_file_effects(setup: Setup) -> Setup:
     """The set-up with the usual effects, where a robot file that states none stands beside it."""
+    check_single(setup)
     return with_usual(setup) if setup.robot_file is not None else setup
 
 
@@ -235,13 +293,9 @@ def with_usual(setup: Setup) -> Setup:
     if setup.states_effects or own:
         return setup
     drives = {} if setup.robot_file is None else setup.robot_file.tree().drives
-    mechanism = with_usual_effects(setup.mechanism, drives)
-    return replace(
-        setup,
-        mechanism=mechanism,
-        usual=True,
-        assumed=(*_assumed(mechanism), *setup.assumed),
-    )
+    found = setup.with_robot(partial(with_usual_effects, stated=drives))
+    assumed = (*_assumed(found.mechanism), *setup.assumed)
+    return replace(found, usual=True, assumed=assumed)
 
 
 def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
@@ -264,25 +318,28 @@ def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
 
 def _described(file: RobotFile, options: ReadingOptions) -> Setup:
     mechanism, robot, document = (
-        file.mechanism(options),
+        file.mechanism(options, alone=True),
         file.description,
         file.document,
     )
+    with locating(file.source):
+        experiments = file.experiments(mechanism, options.experiment)
+        whole = joined(experiments) if experiments else mechanism
     entry = robot.identification
     many = isinstance(robot.log, tuple)
     logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
     resting = {**robot.locked, **options.locked}
     folder, prior = file.directory or Path(), entry.prior.file
     stated = None if prior is None else open_robot(folder / prior).mechanism(options)
+    columns: list[ColumnMap] = []
+    for k, log in enumerate(logs):
+        path = f"log[{k}]" if many else "log"
+        section = _LogSection(mechanism, document, path, resting)
+        columns += section.read(log, experiments)
     return Setup(
         file.source,
-        mechanism,
-        tuple(
-            _LogSection(
-                mechanism, document, f"log[{k}]" if many else "log", resting
-            ).read(log)
-            for k, log in enumerate(logs)
-        ),
+        whole,
+        tuple(columns),
         robot.preparation,
         entry,
         stated,
@@ -292,6 +349,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
         excitation=robot.excitation,
         measure=robot.measure,
         document=document,
+        experiments=experiments,
     )
 
 
@@ -322,18 +380,52 @@ class _LogSection:
         # values of symbols, and of joints that are locked
         self.known = {**resting, **known_values(mechanism), PI: math.pi}
         self.sensors: dict[str, MotionSensor] = {}
+        # a floating base is named where contacts hold the robot: patterns are for joints
+        bases = [b for b in mechanism.bodies if b.joint.kind in ("floating", "free")]
+        self.bases = {
+            name
+            for body in bases
+            if mechanism.contacts
+            for motion in body.joint.motions
+            for name in (*motion.positions, *motion.velocities)
+        }
         # coordinates whose velocities are their derivatives, which those of balls are not
         self.single = [n for n in mechanism.velocities if n in mechanism.positions]
 
-    def read(self, log: LogEntry) -> ColumnMap:
+    def read(
+        self, log: LogEntry, experiments: Sequence[Experiment] = ()
+    ) -> list[ColumnMap]:
+        """The map, or one for every experiment that logs of this section may belong to."""
+        names = [e.name for e in experiments]
+        if log.experiment is not None and log.experiment not in names:
+            problem = f"there is no such experiment{nearest_of(log.experiment, names)}"
+            raise self.document.error(f"{self.path}.experiment", problem)
+        by_contacts = bool(log.contact) and log.experiment is None
+        if not experiments or by_contacts:
+            return [self._map(log, self.mechanism)]
+        return [
+            replace(self._map(log, e.mechanism), experiment=e.name)
+            for e in experiments
+            if log.experiment in (None, e.name)
+        ]
+
+    def _map(self, log: LogEntry, mechanism: Mechanism) -> ColumnMap:
+        """The map for a mechanism, whose joints are numbered as those of the robot."""
         for name, sensor in log.sensors.items():
             self.sensors[name] = self._sensor(name, sensor)
         positions, velocities = (
             self.mechanism.independent_positions,
             self.mechanism.independent_velocities,
         )
-        outputs = tuple(output.name for output in self.mechanism.sensed)
-        return ColumnMap(
+        outputs = tuple(
+            dict.fromkeys(
+                output.name
+                for some in (self.mechanism, mechanism)
+                for output in some.sensed
+            )
+        )
+        touching = tuple(contact.name for contact in self.mechanism.contacts)
+        found = ColumnMap(
             None
             if log.time is None
             else self._channel(log.time, f"{self.path}.time", {}),
@@ -345,7 +437,11 @@ class _LogSection:
             self._channels(log.reference, "reference", positions),
             self._channels(log.input, "input", velocities),
             sensors=self.sensors,
+            contacts=self._channels(log.contact, "contact", touching),
+            twist=log.twist,
+            files=log.files,
         )
+        return found if mechanism is self.mechanism else found.within(mechanism)
 
     def _sensor(self, name: str, entry: Combination) -> MotionSensor:
         """A sensor of motion, by the combination of coordinates or the body that is stated."""
@@ -426,7 +522,7 @@ class _LogSection:
     def _filled(
         self, entry: Column, path: str, names: Iterable[str]
     ) -> Iterator[tuple[str, Channel]]:
-        for i, name in enumerate(names):
+        for i, name in enumerate(n for n in names if n not in self.bases):
             yield name, self._channel(entry, path, {"n": i + 1, "i": i, "name": name})
 
     def _channel(

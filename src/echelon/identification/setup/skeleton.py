@@ -33,7 +33,7 @@ from echelon.identification.setup.logs import (
 )
 from echelon.identification.setup.setup import Setup, load_setup
 from echelon.identification.signals.clock import JITTER, REPEATED, round_rate
-from echelon.robot import Mechanism
+from echelon.robot import Mechanism, mechanism_of
 from echelon.shared import EchelonError, Floats, InputError, dump_flow
 
 _EFFECTS = """\
@@ -80,6 +80,9 @@ def skeleton(
         raise InputError("this set-up has a section log already; edit it, or start from a robot file",
                          source=file.source)  # fmt: skip
     setup = load_setup(file)
+    if setup.experiments:  # whose logs have one robot's columns
+        alone = mechanism_of(setup.experiments[0].robot)
+        setup = replace(setup, mechanism=alone, experiments=())
     paths = joined(log_paths(logs), setup.mechanism)
     log = opened(paths[0])
     found = understood(log, setup, only=len(paths) == 1, by_values=True)

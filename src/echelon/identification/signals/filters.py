@@ -297,13 +297,23 @@ def multiply(a: Floats, b: Floats) -> Floats:
     return np.concatenate([scalar, w * t + u * v + np.cross(v, t)], axis=-1)
 
 
+INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
+"""Signs that make the inverse of a unit quaternion."""
+
+
+def turned(q: Floats, vectors: Floats) -> Floats:
+    """Vectors (N, 3) after the rotations of unit quaternions (N, 4)."""
+    pure = np.column_stack([np.zeros(len(vectors)), vectors])
+    return multiply(multiply(q, pure), q * INVERSE)[:, 1:]
+
+
 def body_rates(q: Floats, qd: Floats, qdd: Floats) -> tuple[Floats, Floats, Floats]:
     """Unit quaternions (N, 4), angular velocities and accelerations (N, 3), rad/s, rad/s², in the moved body's axes.
 
     ω = 2 q* ⊗ q̇ and its derivative, of which the parts along q, that is changes of length, count for nothing.
     """
     square = np.sum(q * q, axis=1, keepdims=True)
-    conjugate = q * np.array([1.0, -1.0, -1.0, -1.0])
+    conjugate = q * INVERSE
     first = multiply(conjugate, qd) / square
     second = multiply(conjugate, qdd) / square
     growth = 2 * first[:, :1]

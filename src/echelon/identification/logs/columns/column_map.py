@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Annotated
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -59,19 +62,61 @@ class ColumnMap:
     inputs: Mapping[str, Channel] = field(default_factory=dict)
     # those whose names positions, velocities, accelerations and references use
     sensors: Mapping[str, MotionSensor] = field(default_factory=dict, kw_only=True)
+    # above zero where a contact touches, by contact
+    contacts: Mapping[str, Channel] = field(default_factory=dict, kw_only=True)
+    twist: Literal["mixed", "body", "world"] = field(default="mixed", kw_only=True)
+    # that the logs belong to; empty where there is one, or where contacts tell
+    experiment: str = field(default="", kw_only=True)
+    # patterns of file names that the map is for; all names that have the experiment's as a word if empty
+    files: tuple[str, ...] = field(default=(), kw_only=True)
+
+    def is_for(self, source: str) -> bool:
+        """Whether a log is one that the map is for, by its name."""
+        names = [source, *(Path(part).name for part in source.split("+"))]
+        if self.files:
+            return any(n == p or fnmatchcase(n, p) for n in names for p in self.files)
+        if not self.experiment:
+            return True
+        word = rf"(?<![^\W_]){re.escape(self.experiment)}(?![^\W_])"
+        return any(re.search(word, name) for name in names[1:])
+
+    def kept(self, keeps: Callable[[str, str], bool]) -> ColumnMap:
+        """The map with those channels alone whose kind and name a function accepts."""
+        groups: dict[str, Any] = {
+            _GROUPS[kind]: {
+                n: channel for n, channel in group.items() if keeps(kind, n)
+            }
+            for kind, group in self.channels.items()
+        }
+        return replace(self, **groups)
+
+    def within(self, mechanism: Mechanism) -> ColumnMap:
+        """The map without channels of what a mechanism does not have, such as joints that an experiment locks."""
+        drives = {actuator.name for actuator in mechanism.transmission.actuators}
+        valid = {*mechanism.positions, *mechanism.velocities, *self.sensors, *drives}
+        outputs = {output.name for output in mechanism.outputs} | drives
+
+        def is_there(kind: str, name: str) -> bool:
+            return kind == "contact" or name in (outputs if kind == "output" else valid)
+
+        return self.kept(is_there)
 
     @property
     def channels(self) -> dict[str, Mapping[str, Channel]]:
         """Channels by the kind of their quantity, positions first."""
-        return {
-            "position": self.positions,
-            "velocity": self.velocities,
-            "acceleration": self.accelerations,
-            "output": self.outputs,
-            "reference": self.references,
-            "input": self.inputs,
-        }
+        return {kind: getattr(self, group) for kind, group in _GROUPS.items()}
 
+
+_GROUPS = {
+    "position": "positions",
+    "velocity": "velocities",
+    "acceleration": "accelerations",
+    "output": "outputs",
+    "reference": "references",
+    "input": "inputs",
+    "contact": "contacts",
+}
+"""Fields of a column map by the kind of their channels."""
 
 ORDERS = {"position": 0, "reference": 0, "velocity": 1, "acceleration": 2}
 """Times that positions were differentiated, by kind of channel."""
@@ -122,7 +167,7 @@ def units(
             units(mechanism, kind, part, {}) or () for part in sensors[name].weights
         ]
         return tuple(dict.fromkeys(unit for some in every for unit in some))
-    if kind == "input":
+    if kind in ("input", "contact"):
         return None
     if kind == "output":
         found = next(

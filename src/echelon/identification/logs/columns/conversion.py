@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from echelon.formats import floating_velocities
 from echelon.identification.logs.columns.column_map import (
     ORDERS,
     Channel,
@@ -38,6 +39,7 @@ from echelon.identification.logs.finding import listed
 from echelon.identification.logs.recording import Recording
 from echelon.identification.logs.units import factor
 from echelon.identification.signals.clock import GAP, nominal_period
+from echelon.identification.signals.filters import INVERSE, turned
 from echelon.robot import (
     Force,
     Mechanism,
@@ -46,7 +48,7 @@ from echelon.robot import (
     symbol_values,
     transmission_matrix,
 )
-from echelon.shared import Floats, InputError, locating, nearest_of, nearest_word
+from echelon.shared import Flags, Floats, InputError, locating, nearest_of, nearest_word
 
 _GAINED = ("A", "V")  # what drives report instead of forces
 LARGEST = 1e100
@@ -251,6 +253,8 @@ def recording(table: Table, columns: ColumnMap, mechanism: Mechanism) -> Recordi
             for kind, signal in _STATES.items()
             if kind in given
         }
+        if "qd" in signals:
+            signals["qd"] = in_own_axes(mechanism, signals, columns.twist)
         if "output" in given:
             signals["y"] = measured_outputs(mechanism, given["output"])
         outputs = (
@@ -259,9 +263,57 @@ def recording(table: Table, columns: ColumnMap, mechanism: Mechanism) -> Recordi
             else {}
         )
         loads = {name: outputs[name] for name in _loaded(mechanism) if name in outputs}
-        return Recording(
-            table.source, aligned.time, signals, {**loads, **given.get("input", {})}
-        )
+        inputs = {**loads, **given.get("input", {})}
+        there = {contact.name for contact in mechanism.contacts}
+        for name, values in given.get("contact", {}).items():
+            if name in there:
+                inputs[contact_input(name)] = (values > 0).astype(float)
+        return Recording(table.source, aligned.time, signals, inputs)
+
+
+_CONTACT = "contact "  # begins names of inputs that no coordinate or drive has
+
+
+def contact_input(contact: str) -> str:
+    """Name of the input that is above zero where a contact touches."""
+    return f"{_CONTACT}{contact}"
+
+
+def is_contact_input(name: str) -> bool:
+    """Whether an input says where a contact touches."""
+    return name.startswith(_CONTACT)
+
+
+def touching(inputs: Mapping[str, Floats], contacts: Sequence[str]) -> Flags:
+    """Which contacts touch, by the inputs of a log, shape (N, contacts); those without a column always do."""
+    given = [inputs.get(contact_input(name)) for name in contacts]
+    count = next((len(values) for values in given if values is not None), 1)
+    always = np.ones(count)
+    return np.column_stack([always if v is None else v for v in given]) > 0
+
+
+def in_own_axes(
+    mechanism: Mechanism, signals: Mapping[str, Floats], twist: str
+) -> Floats:
+    """Velocities (N, velocities) with those of floating bases along the axes that the mechanism has.
+
+    Its linear velocities are along the world's axes and its angular ones about the base's own; ``twist`` says whether
+    the log has both along the ``world``'s or both along the base's (``body``).
+    """
+    found = signals["qd"].copy()
+    if twist == "mixed":
+        return found
+    for body in mechanism.bodies:
+        if body.joint.kind not in ("floating", "free"):
+            continue
+        *slides, ball = body.joint.motions
+        q = signals["q"][:, [mechanism.positions.index(n) for n in ball.positions]]
+        q = q / np.linalg.norm(q, axis=1, keepdims=True)
+        own = twist == "world"
+        moved = ball.velocities if own else [s.velocities[0] for s in slides]
+        places = [mechanism.velocities.index(name) for name in moved]
+        found[:, places] = turned(q * INVERSE if own else q, found[:, places])
+    return found
 
 
 def _loaded(mechanism: Mechanism) -> set[str]:
@@ -382,6 +434,8 @@ def check_names(
             *mechanism.velocities,
             *(a.name for a in mechanism.transmission.actuators),
         ]
+    elif kind == "contact":
+        return
     else:
         valid = [*coordinates(mechanism, kind), *motors, *sensors]
     for name in given:
@@ -463,9 +517,24 @@ def _solved(
 # -- outputs ----------------------------------------------------------------------------------------------------------
 
 
+def unpushed(mechanism: Mechanism) -> list[str]:
+    """Outputs of the floating base of a robot in contact, which no drive pushes."""
+    free = floating_velocities(mechanism) if mechanism.contacts else ()
+    return [
+        output.name
+        for output in mechanism.outputs
+        if output.forces and all(force.at in free for force, _ in output.forces)
+    ]
+
+
 def measured_outputs(mechanism: Mechanism, given: Given) -> Floats:
-    """Outputs (N, outputs) from columns by output or actuator, SI units; joint forces also as τ_q = Tᵀ τ_θ."""
+    """Outputs (N, outputs) from columns by output or actuator, SI units; joint forces also as τ_q = Tᵀ τ_θ.
+
+    Nothing but its contacts pushes the floating base of a robot that has some.
+    """
     check_names(mechanism, "output", given)
+    rest = np.zeros(len(next(iter(given.values()))))
+    given = {**dict.fromkeys(unpushed(mechanism), rest), **given}
     names = {output.name for output in mechanism.outputs}
     motors = {name: values for name, values in given.items() if name not in names}
     missing = [output for output in mechanism.sensed if output.name not in given]

@@ -18,6 +18,7 @@ from echelon.identification.logs.columns.column_map import (
     quaternion_columns,
     series,
 )
+from echelon.identification.logs.columns.conversion import is_contact_input, unpushed
 from echelon.identification.logs.faults.outliers import NO_ENCODER, TALL, jumps, spikes
 from echelon.identification.logs.faults.plausibility import contradictions
 from echelon.identification.logs.faults.repeated_values import (
@@ -201,8 +202,12 @@ class _Examination:
 
     def look_for_constants(self) -> None:
         """Report channels that never change, and keep the others for what follows."""
-        moving = []
+        moving, silent = [], set(unpushed(self.mechanism))
         for channel in series(self.recording, self.mechanism):
+            if is_contact_input(channel.name) or (
+                channel.name in silent and channel.signal == "y"
+            ):
+                continue
             values = self.used(channel.values)
             if len(values) and np.ptp(values) > 0:
                 moving.append(channel)

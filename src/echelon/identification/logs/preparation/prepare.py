@@ -18,14 +18,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, inf, isfinite
+from typing import Annotated
 
 import numpy as np
 
-from echelon.formats import PreparationEntry, optional
+from echelon.formats import PreparationEntry, WithJsonSchema, optional
 from echelon.identification.logs.columns.column_map import (
     quaternion_columns,
     signal_names,
 )
+from echelon.identification.logs.columns.conversion import contact_input
 from echelon.identification.logs.faults.repeated_values import pinned
 from echelon.identification.logs.preparation.bristles import bent
 from echelon.identification.logs.recording import Samples, Segment
@@ -63,6 +65,28 @@ class Preparation(PreparationEntry):
     reasons: dict[str, str] = optional(
         {}, "For settings that were chosen: why, in a sentence."
     )
+    experiments: dict[
+        str, Annotated[Preparation, WithJsonSchema({"type": "object"})]
+    ] = optional(
+        {}, "How logs of each experiment are prepared, where there are several."
+    )
+
+    def of(self, experiment: str) -> Preparation:
+        """How logs of an experiment are prepared."""
+        return self.experiments.get(experiment, self)
+
+
+def restricted(given: PreparationEntry, mechanism: Mechanism) -> PreparationEntry:
+    """Stated settings without those of coordinates and outputs that an experiment does not have."""
+    there = {*mechanism.positions, *(output.name for output in mechanism.outputs)}
+    kept: dict[str, object] = {}
+    for name in ("lowpass", "still", "delays"):
+        value = getattr(given, name)
+        if isinstance(value, Mapping):
+            kept[name] = {key: some for key, some in value.items() if key in there}
+    if given.rest is not None:
+        kept["rest"] = tuple(name for name in given.rest if name in there)
+    return given.model_copy(update=kept)
 
 
 States = tuple[Floats, Floats, Floats]
@@ -368,6 +392,10 @@ class PreparationPlan:
     def samples(self, piece: Segment) -> Samples:
         """A usable piece as samples, without what its ends spoil."""
         rows = slice(self.spoilt, len(piece) - self.spoilt)
+        inputs = {name: values[rows] for name, values in piece.inputs.items()}
+        for name in map(contact_input, (c.name for c in self.mechanism.contacts)):
+            if name in inputs:
+                inputs[name] = self._landing(piece.inputs[name])[rows]
         q, qd, qdd = states(piece, self.preparation, self.mechanism)
         qd, moving = self._moving(qd, q.shape[1])
         at_limits = self._at_limits(piece)
@@ -380,7 +408,7 @@ class PreparationPlan:
             qd[rows],
             qdd[rows],
             y=self._on_time(piece.signals["y"])[rows] if measured else None,
-            inputs={name: values[rows] for name, values in piece.inputs.items()},
+            inputs=inputs,
             reduction=self.reduction,
             moving=None if moving is None else moving[rows],
             pinned=None if at_limits is None else at_limits[rows],
@@ -409,6 +437,14 @@ class PreparationPlan:
             if output.name in self.delays:
                 found[:, column] = shifted(y[:, column], self.delays[output.name])
         return found
+
+    def _landing(self, touch: Floats) -> Floats:
+        """Flags of a contact that hold as far around it as filters of the states spread the shock when it lands."""
+        with extra("identify"):
+            from scipy.ndimage import maximum_filter1d
+        lowest = states_cutoff(self.preparation, self.rate)
+        reach = ceil(0.5 * self.rate / lowest) if isfinite(lowest) else REACH
+        return maximum_filter1d(touch, 2 * reach + 1)
 
     def _moving(self, qd: Floats, positions: int) -> tuple[Floats, Flags | None]:
         """Velocities, and where outputs move: faster than noise and than what the low-pass smears of starts and stops.
