@@ -22,13 +22,6 @@ CONVERT = "inertia/test_convert.py"
 FAULTS = (
     Fault(
         "compute/tensors.py",
-        "1.0 * convert(value)",
-        "convert(value)",
-        "whole numbers in the place of floating-point ones",
-        "machine/test_tensors.py",
-    ),
-    Fault(
-        "compute/tensors.py",
         "columns |= {node: array[..., k]",
         "columns |= {node: array[..., 0]",
         "every entry is the first one",
