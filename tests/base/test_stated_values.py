@@ -314,7 +314,7 @@ def test_float_ranks_doubt_a_wrong_count_and_no_right_one(error: int) -> None:
     robot = ec.load(PANDA)
     assert report_reading(robot, 43, np.random.default_rng(1)).doubt == ""
     assert (
-        f"do not confirm {43 + error}: rank 43"
+        f"does not confirm {43 + error}: rank 43"
         in report_reading(robot, 43 + error, np.random.default_rng(1)).doubt
     )
 

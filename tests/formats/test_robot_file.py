@@ -107,5 +107,5 @@ def test_tiny_numbers_are_zero(text: str) -> None:
     assert ec.base_structure(tiny).rank == ec.base_structure(zero).rank
     assert tiny.reading is not None
     assert any(
-        "read as zero" in note and "1e-114" in note for note in tiny.reading.notes
+        "taken as zero" in note and "1e-114" in note for note in tiny.reading.notes
     )

@@ -113,6 +113,6 @@ def test_batches_refuse_what_they_cannot_judge() -> None:
     fitted = ols(once.observation(), once.units)
     with pytest.raises(
         InputError,
-        match=r"batch arrays from 0 to 0.009 s: without it .* combination of p2",
+        match=r"batch arrays from 0 to 0.009 s: only this batch .* combination of p2",
     ):
         clustered(once, fitted, seconds=0.01)

@@ -44,7 +44,7 @@ def test_what_was_not_taken_in_is_not_said_to_be(
     log = swinging(gravity="9.81,0,0")
     monkeypatch.setattr(job, "COMPLETIONS", 0)
     result = ec.identify(ec.load_setup(ARM, gravity="generic"), log)
-    assert not any("taken in" in found.text for found in result.findings)
+    assert not any("part of the model now" in found.text for found in result.findings)
     assert "gravity is along x of the base" in about_gravity(result)[0].text
     assert min(score.r2 for score in result.validations[-1].scores) < 0.9
 
@@ -60,7 +60,7 @@ def test_a_wall_and_a_zero_that_explain_alike_are_both_named() -> None:
     (found,) = [found for found in result.findings if found.kind == "setup error"]
     assert "zero of the position of 'shoulder_joint'" in found.text
     assert "or gravity is along x of the base" in found.text
-    assert "taken in" not in found.text
+    assert "part of the model now" not in found.text
 
 
 @pytest.mark.parametrize(
