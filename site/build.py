@@ -105,7 +105,6 @@ def main() -> None:
         "mkdocs",
         "build",
         "--strict",
-        "--quiet",
         "-f",
         configuration,
     ]
