@@ -105,7 +105,6 @@ def main() -> None:
         "mkdocs",
         "build",
         "--strict",
-        "--quiet",
         "-f",
         configuration,
     ]
@@ -290,7 +289,7 @@ def _plain(text: str) -> str:
 
 
 def _headings(text: str) -> list[str]:
-    return re.findall(r"^##+ (.*)$", _plain(text), re.MULTILINE)
+    return re.findall(r"^#+ (.*)$", _plain(text), re.MULTILINE)
 
 
 def _titled(piece: str) -> str:
