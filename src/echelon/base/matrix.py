@@ -214,9 +214,7 @@ def in_units(coefficient: RationalFunction) -> bool:
     return not set(UNITS).isdisjoint(coefficient.symbols())
 
 
-def _ball_value(
-    coefficient: RationalFunction, symbols: Mapping[str, float]
-) -> float:
+def _ball_value(coefficient: RationalFunction, symbols: Mapping[str, float]) -> float:
     """A coefficient by balls, because long ones may be sums that cancel but for 1e-12 of their terms."""
     from echelon.algebra import ball
 
