@@ -15,7 +15,7 @@ import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from time import process_time
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -40,9 +40,9 @@ def own(repeats: int = 3) -> list[str]:
     """Echelon's row: the shortest of a few times, warm."""
     seconds = []
     for _ in range(repeats + 1):
-        started = process_time()
+        started = perf_counter()
         found = ec.calibrate(PANDA, LOG)
-        seconds.append(process_time() - started)
+        seconds.append(perf_counter() - started)
     place, turn = found.scores
     count = f"{found.base.rank} combinations"
     return row("Echelon", count, min(seconds[1:]), place.after, turn.after)
@@ -108,7 +108,7 @@ def main() -> None:
         rows += [peer(python, stated, method) for method in METHODS]
     except UnavailableError as error:
         absent = f"FIGAROH is absent: {error}."
-    head = ["", "fitted", "processor seconds", "held-out position", "held-out rotation"]
+    head = ["", "fitted", "seconds", "held-out position", "held-out rotation"]
     lines = [
         "# Calibration of a measured arm",
         "",

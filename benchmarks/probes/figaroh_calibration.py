@@ -13,7 +13,7 @@ import json
 import sys
 import tempfile
 from pathlib import Path
-from time import process_time
+from time import perf_counter
 from types import SimpleNamespace
 
 import numpy as np
@@ -109,7 +109,7 @@ def main():
         contextlib.redirect_stdout(io.StringIO()),
     ):
         write(f"{folder}/fit.csv", told["q"], told["poses"])
-        started = process_time()
+        started = perf_counter()
         found = PoseCalibration(
             arm(told["placements"]),
             settings(folder, len(told["q"]), told["method"]),
@@ -117,7 +117,7 @@ def main():
         found.calib_config |= {"known_baseframe": False, "known_tipframe": False}
         found.initialize()
         found.solve(max_iterations=1, enable_logging=False)
-        seconds = process_time() - started
+        seconds = perf_counter() - started
         names = found.calib_config["param_name"]
         values = found.LM_result.x
         after = left(found, values, told["q_held"], told["poses_held"])
