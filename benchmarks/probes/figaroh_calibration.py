@@ -43,9 +43,7 @@ def arm(placements):
     """A chain of revolute joints about z."""
     model = pin.Model()
     for k, placement in enumerate(placements):
-        model.addJoint(
-            k, pin.JointModelRZ(), pin.SE3(np.array(placement)), f"q{k + 1}"
-        )
+        model.addJoint(k, pin.JointModelRZ(), pin.SE3(np.array(placement)), f"q{k + 1}")
     last = len(placements)
     model.addFrame(
         pin.Frame("flange", last, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME)
@@ -106,23 +104,24 @@ def left(found, values, q, poses):
 def main():
     """Calibrate once."""
     told = json.loads(Path(sys.argv[1]).read_text())
-    with tempfile.TemporaryDirectory() as folder:
-        with contextlib.redirect_stdout(io.StringIO()):
-            write(f"{folder}/fit.csv", told["q"], told["poses"])
-            started = perf_counter()
-            found = PoseCalibration(
-                arm(told["placements"]), settings(folder, len(told["q"]), told["method"])
-            )
-            found.calib_config |= {"known_baseframe": False, "known_tipframe": False}
-            found.initialize()
-            found.solve(max_iterations=1, enable_logging=False)
-            seconds = perf_counter() - started
-            names = found.calib_config["param_name"]
-            values = found.LM_result.x
-            after = left(found, values, told["q_held"], told["poses_held"])
-    print(
-        json.dumps({"seconds": seconds, "parameters": len(names), "after": after})
-    )
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
+        write(f"{folder}/fit.csv", told["q"], told["poses"])
+        started = perf_counter()
+        found = PoseCalibration(
+            arm(told["placements"]),
+            settings(folder, len(told["q"]), told["method"]),
+        )
+        found.calib_config |= {"known_baseframe": False, "known_tipframe": False}
+        found.initialize()
+        found.solve(max_iterations=1, enable_logging=False)
+        seconds = perf_counter() - started
+        names = found.calib_config["param_name"]
+        values = found.LM_result.x
+        after = left(found, values, told["q_held"], told["poses_held"])
+    print(json.dumps({"seconds": seconds, "parameters": len(names), "after": after}))
 
 
 if __name__ == "__main__":

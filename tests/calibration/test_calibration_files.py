@@ -285,3 +285,61 @@ def test_many_outliers_are_doubted() -> None:
     with pytest.warns(ec.DoubtWarning, match="too many for outliers"):
         found = ec.calibrate(URDF, log, measure=[{"pose": "three"}])
     assert any("all are kept" in doubt for doubt in found.doubts)
+
+
+TILTED = """
+echelon: 1
+name: digger
+log: {sensors: {tilt: boom + arm}, position: {boom: q1, tilt: t2}}
+measure: [{position: arm, point: [0.3, 0, 0]}]
+modified_dh:
+  - {name: boom, joint: revolute}
+  - {name: arm, joint: revolute, alpha: 0.3, a: 0.5}
+"""
+
+
+def test_inclinometers_measure_still_poses() -> None:
+    rng = np.random.default_rng(4)
+    robot = ec.load(TILTED)
+    q = rng.uniform(-1, 1, (40, 2))
+    frame = np.array(body_frames(pinocchio_model(robot), q, {1: [2e-3] * 3 + [0] * 3}))
+    at = (frame[:, -1] @ [0.3, 0, 0, 1])[:, :3] + rng.normal(scale=1e-4, size=(40, 3))
+    log = {"q1": q[:, 0], "t2": q.sum(axis=1)}
+    log |= {axis: at[:, k] for k, axis in enumerate("xyz")}
+    found = ec.calibrate(ec.load_setup(TILTED), log)
+    assert found.scores[0].after < 3e-4
+    # coefficients in powers of cos 0.1 are numbers to a reader
+    shown = str(found.base)
+    assert "unit_of_decimals)" not in shown
+    assert "constants: unit_of_decimals" in shown
+
+
+def test_logs_of_loops_name_all_joints() -> None:
+    sections = (
+        "log: {position: {crank: A, coupler: {column: B, unit: deg}, rocker: C}}\n"
+    )
+    text = (ROOT / "examples/loops/four_bar.yaml").read_text() + sections
+    rng = np.random.default_rng(1)
+    a = rng.uniform(0, 6, 40)
+    crank, rod, rocker, ground = 0.151, 0.3495, 0.3004, 0.4
+    x, y = ground - crank * np.cos(a), -crank * np.sin(a)
+    far, away = np.hypot(x, y), np.arctan2(y, x)
+    bend = np.arccos((rod**2 + far**2 - rocker**2) / (2 * rod * far))
+    b = away + bend - a
+    c = np.arctan2(rod * np.sin(a + b) - y, rod * np.cos(a + b) - x)
+    log = {"A": a, "B": np.degrees(b), "C": c}
+    for name, scale in (("A", 1e-4), ("C", 1e-4)):
+        log[name] = log[name] + rng.normal(scale=scale, size=40)
+    seen = {"x": crank * np.cos(a), "y": crank * np.sin(a), "z": 0 * a}
+    found = ec.calibrate(
+        ec.load_setup(text), log | seen, measure=[{"position": "coupler"}]
+    )
+    loop = next(s for s in found.scores if s.name == "pin" and s.unit == "m")
+    assert loop.after < loop.before / 3
+
+
+def test_large_errors_are_doubted() -> None:
+    log = pose_log(ec.load(URDF))
+    log["q_b"] = log["q_b"] + 0.4
+    with pytest.warns(ec.DoubtWarning, match="more than 5 times what is usual"):
+        ec.calibrate(URDF, log, measure=[{"pose": "three"}])

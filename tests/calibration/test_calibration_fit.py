@@ -217,7 +217,9 @@ def covered(truth: Truth, base: ec.LinearBase, intervals: Floats) -> list[bool]:
     }
     names = base.parameters
     return [
-        bool(low <= sum(c * own[n] for c, n in zip(row, names, strict=True) if c) <= high)
+        bool(
+            low <= sum(c * own[n] for c, n in zip(row, names, strict=True) if c) <= high
+        )
         for row, (low, high) in zip(base.B_float(), intervals, strict=True)
         if all(n in own for c, n in zip(row, names, strict=True) if c)
     ]
@@ -244,7 +246,7 @@ def coverage(name: str, seeds: Iterable[int]) -> Iterator[list[bool]]:
         data = observed(model, setup, log_paths(rows))
         fit = GeometryFit(model, data, seed)
         state = fit.start() if state is None else fit.framed(state)
-        touched = data.q[0] if model.sights[0].constrains else None
+        touched = data.q[:1] if model.sights[0].constrains else None
         base = model.base(state.frames, touched) if base is None else base
         yield covered(truth, base, fit.intervals(fit.fitted(state, base)))
 

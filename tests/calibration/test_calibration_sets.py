@@ -140,7 +140,7 @@ def touched_rows(kind: str, arm: Mechanism, rng: np.random.Generator) -> np.ndar
     def seen(q: np.ndarray) -> np.ndarray:
         return (np.array(body_frames(model, q[None], {}))[0, -1] @ point)[:3]
 
-    q = rng.uniform(-2, 2, (60, len(arm.positions)))
+    q = rng.uniform(-2, 2, (1, len(arm.positions)))
     outer = np.eye(4)
     outer[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     outer[:3, 3] = seen(q[0]) - (RADIUS if kind == "sphere" else 0) * outer[:3, 0]
@@ -151,8 +151,10 @@ def touched_rows(kind: str, arm: Mechanism, rng: np.random.Generator) -> np.ndar
             return np.linalg.norm(away)[None] - RADIUS
         return away[2:] if kind == "plane" else away
 
-    near = q[0] + rng.uniform(-1, 1, q.shape)
-    at = moved_onto(off, near, lambda: np.zeros(1))
+    at = q[:1]
+    for _ in range(60):  # a walk, since other modes may show more
+        near = at[-1:] + rng.uniform(-0.3, 0.3, (1, q.shape[1]))
+        at = np.vstack([at, moved_onto(off, near, lambda: np.zeros(1))])
     x, d = slopes(arm, at, outer, np.eye(4))
     moves = (d @ point)[:, :, :3]
     if kind == "sphere":

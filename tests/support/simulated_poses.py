@@ -68,7 +68,7 @@ def body_frames(
 def moved_onto(
     off: Callable[[Floats], Floats], q: Floats, noise: Callable[[], Floats]
 ) -> Floats:
-    """Positions near some others, shape (N, n), at which a function is only noise; without those out of reach."""
+    """Positions near some others, shape (N, n), where a function is only noise; without those out of reach."""
     found, step = [], 1e-6
     for one in q:
         at, wanted = one, noise()

@@ -49,6 +49,8 @@ ALIKE, WORSE = 0.8, 1.5
 """Shares of what was left before: from these on nothing was explained, or held-out rows speak against the values."""
 OTHERS = 10.0
 """Size of what is left in held-out rows, beside the noise of a fit to all, from which rows explain only themselves."""
+MOST_MODES = 5
+"""Further modes of touching that a set takes in."""
 SAME_ANGLE = 1e-5
 """Difference of angles as read and as written, rad, that no calibration tells."""
 HELD = 2
@@ -239,7 +241,7 @@ def calibrate(
     say("finding frames")
     nominal = GeometryFit(model, fitting, seed).start()
     say("deriving which errors the measurements show")
-    base = model.base(nominal.frames, _touching_pose(data, model), seed)
+    base = _base(model, data, nominal, seed)
     say("fitting")
     judged = GeometryFit(model, fitting, seed).fitted(nominal, base)
     whole = GeometryFit(model, data, seed)
@@ -377,13 +379,21 @@ def _shown_of_robot(model: ErrorModel, frames: Mapping[str, Floats]) -> int:
     return base.rank - len(set(base.pivots) & set(unknown))
 
 
-def _touching_pose(data: Observed, model: ErrorModel) -> Floats | None:
-    """Positions at which surfaces are touched."""
-    touched = [k for k, sight in enumerate(model.sights) if sight.constrains]
-    if not touched:
-        return None
-    first: Floats = data.q[np.flatnonzero(data.present[:, touched[0]])[0]]
-    return first
+def _base(model: ErrorModel, data: Observed, nominal: State, seed: int) -> LinearBase:
+    """Combinations that show near the poses of a log, in all modes in which surfaces are touched."""
+    touching = [sight.constrains and sight.closure is None for sight in model.sights]
+    q = data.q[data.present[:, touching].any(axis=1)]
+    if not len(q):
+        return model.base(nominal.frames, seed=seed)
+    poses = q[:1]
+    base = model.base(nominal.frames, poses, seed)
+    for _ in range(MOST_MODES):
+        others = model.poses_of_other_modes(base, q, nominal.frames)
+        if not len(others):
+            break
+        poses = np.vstack([poses, others])
+        base = model.base(nominal.frames, poses, seed)
+    return base
 
 
 def _result(

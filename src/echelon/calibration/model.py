@@ -69,6 +69,8 @@ ROUNDED = 6
 """Decimals of the nominal places of tools, m: a micrometre is far below what anybody calibrates to."""
 NEGLIGIBLE = 1e-9
 """Part of a row that rounding may leave of one that follows from others."""
+OTHER_MODE = 0.05
+"""Share of a pose's slopes that a set may leave out: more than errors of a nominal geometry explain."""
 ASSEMBLED = 12
 """Decimals of the frames of touched surfaces, so that they close at the pose that they were found at."""
 
@@ -202,7 +204,7 @@ class ErrorModel:
     def base(
         self,
         frames: Mapping[str, Floats] | None = None,
-        pose: Floats | None = None,
+        poses: Floats | None = None,
         seed: int = DEFAULT_SEED,
     ) -> LinearBase:
         """Combinations of errors that the measurements show, in closed form and certified.
@@ -213,20 +215,37 @@ class ErrorModel:
             Nominal places of tools on their bodies and of outer frames, near which the set holds.  By default tools
             are at the frames of their bodies, markers and centres of distances anywhere, and surfaces where random
             positions touch them.
-        pose : array of shape (n,), optional
-            Positions at which all surfaces are touched.
+        poses : array of shape (m, n), optional
+            Positions at which all surfaces are touched; the set holds for all that motions reach from one of them.
         seed : int
 
         Returns
         -------
         LinearBase
         """
-        return base_parameters(self.linear(frames or {}, pose, seed), seed=seed)
+        return base_parameters(self.linear(frames or {}, poses, seed), seed=seed)
+
+    def poses_of_other_modes(
+        self, base: LinearBase, q: Floats, frames: Mapping[str, Floats]
+    ) -> Floats:
+        """Positions whose rows a set does not span, shape (0 or 1, n): those that do so the least.
+
+        A set of touched surfaces holds for states that motions reach; other bends of the elbow may show more.
+        """
+        rows = self.slopes(q, np.zeros(len(self.errors)), frames)
+        usual = np.array([e.usual if e.usual < np.inf else 1.0 for e in self.errors])
+        spanned, _ = np.linalg.qr((base.B_float() * usual).T)
+        rows = rows * usual
+        left = rows - rows @ spanned @ spanned.T
+        sizes = np.linalg.norm(rows, axis=(1, 2))
+        beyond = np.linalg.norm(left, axis=(1, 2)) / sizes
+        worst = int(np.argmax(beyond))
+        return q[[worst]] if beyond[worst] > OTHER_MODE else q[:0]
 
     def linear(
         self,
         frames: Mapping[str, Floats],
-        pose: Floats | None,
+        poses: Floats | None,
         seed: int = DEFAULT_SEED,
     ) -> LinearModel:
         """The rows as a linear model in the errors, at the nominal geometry."""
@@ -234,8 +253,14 @@ class ErrorModel:
         closed = [sight for sight in self.sights if sight.constrains]
         free = [sight for sight in self.sights if not sight.constrains]
         loops = [sight for sight in closed if sight.closure is not None]
-        groups = [[*free, *loops]] if free or loops else []
-        groups += [[sight] for sight in closed if sight.closure is None]
+        starts = [None] if poses is None else list(poses)
+        groups = [([*free, *loops], None)] if free or loops else []
+        groups += [
+            ([sight], start)
+            for sight in closed
+            if sight.closure is None
+            for start in starts
+        ]
         if closed and not has_values(self.mechanism):
             silent = all_symbols(self.mechanism) - known_values(self.mechanism).keys()
             raise InputError(
@@ -246,7 +271,7 @@ class ErrorModel:
         anywhere = {s.unplaced for s in free}
         found: list[Mechanism] = []
         recorders: list[ErredRecorder] = []
-        for count, sights in enumerate(groups):
+        for count, (sights, pose) in enumerate(groups):
             copy = copied(mechanism, f" ({count})" if count else "")
             recorder = ErredRecorder(copy, program, self.kinds)
             recorder.errors = recorders[0].errors if recorders else recorder.errors
@@ -280,7 +305,9 @@ class ErrorModel:
             for i in at_zero.inputs.values()
             if i.role == "symbol"
         }
-        for name in sorted(constants.keys() - mechanism.symbols.keys()):  # of places anywhere
+        for name in sorted(
+            constants.keys() - mechanism.symbols.keys()
+        ):  # of places anywhere
             constants[name] = Fraction(int(rng.integers(100, 1000)), 1000)
         model = LinearModel.recorded(
             at_zero,
@@ -442,7 +469,12 @@ def touching(
         bar = radius * direction / np.linalg.norm(direction)
         seen[:3, 3] -= bar
     elif given is not None:
-        seen[:3, :3] = placement_matrix(given, {})[:3, :3]
+        stated = placement_matrix(given, {})
+        if sight.kind == "plane":  # moved along its normal alone
+            normal = stated[:3, 2]
+            height = normal @ (seen[:3, 3] - stated[:3, 3])
+            seen[:3, 3] = stated[:3, 3] + height * normal
+        seen[:3, :3] = stated[:3, :3]
     outer = as_placement(seen, ASSEMBLED)
     assembly = dict(mechanism.assembly) | dict(
         zip(mechanism.positions, at.tolist(), strict=True)
