@@ -225,11 +225,6 @@ class Correspondence:
     deviation: float
 
     @property
-    def by_name(self) -> bool:
-        """Whether all pairs have one name."""
-        return all(name == other for name, other in self.names.items())
-
-    @property
     def grave(self) -> tuple[GeometryDifference, ...]:
         """Differences of what is described, not of how positions are counted."""
         return tuple(d for d in self.differences if d.kind not in _CONVENTIONS)

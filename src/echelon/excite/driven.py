@@ -1,4 +1,4 @@
-"""What a motion that was driven shows: the rank of its rows, beside what rounding of its numbers explains.
+"""The rank of the rows of a motion that was driven, beside what rounding of its numbers explains.
 
 Rank is exact for all motions of a robot, and for families of them (:func:`echelon.motion_ranks`).  The rows of one
 motion are numbers with a last decimal.  So they are computed twice, at the stated states and at states that are rounded
@@ -55,7 +55,7 @@ _EPS = float(np.finfo(float).eps)
 @public
 @dataclass(frozen=True, repr=False)
 class SampledRank:
-    """What motions that were driven show of the base parameters.
+    """Combinations of base parameters that driven motions show.
 
     Made by :func:`echelon.sampled_rank`.
 

@@ -74,7 +74,7 @@ class Experiment:
     open_loops : bool
         Whether the robot's loops are open in this experiment.
     motion : mapping of str to array, or path-like, optional
-        What was driven, for :func:`echelon.sampled_rank`; base parameters are those of all motions.
+        The motion that was driven, for :func:`echelon.sampled_rank`; base parameters are those of all motions.
 
     Raises
     ------
@@ -285,7 +285,7 @@ class _Files:
 
     @property
     def motions(self) -> dict[str, Any]:
-        """What was driven, by experiment."""
+        """Motions that were driven, by experiment."""
         return {e.name: e.motion for e in self.experiments if e.motion is not None}
 
     def mechanism(

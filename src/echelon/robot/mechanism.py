@@ -493,7 +493,7 @@ class ReadableFile(Protocol):
 
     @property
     def motions(self) -> Mapping[str, Any]:
-        """What was driven, by experiment."""
+        """Motions that were driven, by experiment."""
         ...
 
 
