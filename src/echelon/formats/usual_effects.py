@@ -87,7 +87,9 @@ def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
 def floating_velocities(mechanism: Mechanism) -> frozenset[str]:
     """Velocities of floating bases, which have neither drives nor friction."""
     floating = [
-        body.joint for body in mechanism.bodies if body.joint.kind in ("floating", "free")
+        body.joint
+        for body in mechanism.bodies
+        if body.joint.kind in ("floating", "free")
     ]
     return frozenset(
         name
