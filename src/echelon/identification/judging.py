@@ -82,10 +82,9 @@ def judged_fit(
         parts = _parts(data, values, prior, seed) if is_asked else ()
         taken, told = list[Judged](), list[Judged]()
         for name, judge in parts:
-            judge = replace(judge, doubtful=is_doubtful)
-            taken += [
-                _in(name, some) for some in (judge.run() if judge.is_told else [])
-            ]
+            judge.doubtful = is_doubtful
+            found = judge.run() if judge.is_told else []
+            taken += [_in(name, some) for some in found]
             told += [_in(name, some) for some in judge.told]
         return taken, told
     base = data.plan.base
