@@ -405,6 +405,7 @@ OBJECTS: Mapping[str, Example] = {
     "sensors of the motion": Example(lambda: ec.load_setup(file("tilted.yaml"))),
     "equality": Example(lambda: ec.Equality.EQUAL),
     "sensors": Example(lambda: ec.sensor_report(base().mechanism)),
+    "driven": Example(lambda: ec.sampled_rank(base(), STATE)),
     "audit": Example(lambda: ec.audit(base(), file("wrong.txt")), str),
     "source": Example(
         lambda: ec.generate(base()), lambda found: (dict(found), repr(found.functions))

@@ -37,8 +37,8 @@ _ALIKE = 1e-12
 """Weight of the identity beside axes when two bases are laid over one another: it decides what they leave open."""
 _POSES = 4
 """Random poses in which all frames are compared: a coupling or a loop that differs shows in almost every one."""
-_MOST_EXPLANATIONS = 32
-"""Explanations that are followed side by side: five joints in a row may leave open which of two zeros each has."""
+_MOST_EXPLANATIONS = 16
+"""Explanations that are followed side by side: four joints in a row may leave open which of two zeros each has."""
 _CONVENTIONS = ("zero", "positive direction")
 """Differences by which a description counts positions otherwise, but describes the same axes."""
 
@@ -291,7 +291,7 @@ def correspondences(
         if all(difference.kind == "gravity" for difference in best.found):
             away = _moves_otherwise(first, second, same, length)
             same = replace(same, differences=(*best.found, *away))
-        found.setdefault(str(same.differences), same)
+        found.setdefault("; ".join(map(str, same.differences)), same)
     return list(found.values())
 
 
