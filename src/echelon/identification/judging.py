@@ -106,16 +106,15 @@ def judged_fit(
 def _parts(
     data: PassesOverData, values: Floats, prior: Prior | None, seed: int
 ) -> Iterator[tuple[str, Judge]]:
-    """Judges of the experiments that nothing touches, each with base parameters of its own."""
+    """Judges of experiments in which nothing touches, each with base parameters of its own."""
     base = data.plan.base
+    if base.mechanism.contacts:
+        return
     standard = dict(
         zip(base.parameters, np.linalg.pinv(base.B_float()) @ values, strict=True)
     )
     for name in base.mechanism.experiments:
-        mechanism = base.experiment(name).mechanism
-        if mechanism.contacts:
-            continue
-        own = base_parameters(mechanism, seed=seed)
+        own = base_parameters(base.experiment(name).mechanism, seed=seed)
         columns = [some for some in data.plan.columns if some.experiment == name]
         plan = LogPlan(own, tuple(columns), data.plan.preparation.of(name))
         samples = (samples_alone(s) for s in data.fitted() if s.experiment == name)

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from echelon.base import BaseModel
 from echelon.compute import Layout, Observation, upper_triangle
 from echelon.identification.logs.columns.conversion import (
+    contact_of,
     is_contact_input,
     touching,
 )
@@ -253,7 +254,9 @@ class ModelRows:
         ]
         if samples.experiment or len(sets) == 1:
             return np.full(len(samples), list(self.parts).index(samples.experiment))
-        names = [contact.name for contact in self.own(samples).base.mechanism.contacts]
+        told = filter(is_contact_input, samples.inputs)
+        known = {contact_of(name) for name in told}
+        names = sorted(known.union(*sets))
         flags = touching(samples.inputs, names)
         kinds, of = np.unique(flags, axis=0, return_inverse=True)
         chosen = []

@@ -264,10 +264,9 @@ def recording(table: Table, columns: ColumnMap, mechanism: Mechanism) -> Recordi
         )
         loads = {name: outputs[name] for name in _loaded(mechanism) if name in outputs}
         inputs = {**loads, **given.get("input", {})}
-        there = {contact.name for contact in mechanism.contacts}
-        for name, values in given.get("contact", {}).items():
-            if name in there:
-                inputs[contact_input(name)] = (values > 0).astype(float)
+        touches = given.get("contact", {}) if mechanism.contacts else {}
+        for name, values in touches.items():
+            inputs[contact_input(name)] = (values > 0).astype(float)
         return Recording(table.source, aligned.time, signals, inputs)
 
 
@@ -277,6 +276,11 @@ _CONTACT = "contact "  # begins names of inputs that no coordinate or drive has
 def contact_input(contact: str) -> str:
     """Name of the input that is above zero where a contact touches."""
     return f"{_CONTACT}{contact}"
+
+
+def contact_of(name: str) -> str:
+    """The contact that an input is of."""
+    return name.removeprefix(_CONTACT)
 
 
 def is_contact_input(name: str) -> bool:

@@ -27,7 +27,7 @@ from echelon.identification.logs.columns.column_map import (
     quaternion_columns,
     signal_names,
 )
-from echelon.identification.logs.columns.conversion import contact_input
+from echelon.identification.logs.columns.conversion import is_contact_input
 from echelon.identification.logs.faults.repeated_values import pinned
 from echelon.identification.logs.preparation.bristles import bent
 from echelon.identification.logs.recording import Samples, Segment
@@ -393,9 +393,8 @@ class PreparationPlan:
         """A usable piece as samples, without what its ends spoil."""
         rows = slice(self.spoilt, len(piece) - self.spoilt)
         inputs = {name: values[rows] for name, values in piece.inputs.items()}
-        for name in map(contact_input, (c.name for c in self.mechanism.contacts)):
-            if name in inputs:
-                inputs[name] = self._landing(piece.inputs[name])[rows]
+        for name in filter(is_contact_input, piece.inputs):
+            inputs[name] = self._landing(piece.inputs[name])[rows]
         q, qd, qdd = states(piece, self.preparation, self.mechanism)
         qd, moving = self._moving(qd, q.shape[1])
         at_limits = self._at_limits(piece)
