@@ -416,6 +416,8 @@ class BaseModel:
                 return value.model_dump(
                     mode=mode, exclude_unset=exclude_unset, exclude_none=exclude_none
                 )
+            if value is None:
+                return None
             kind = without_none(kind)
             for mark in getattr(kind, "__metadata__", ()) if mode == "json" else ():
                 if isinstance(mark, PlainSerializer):
