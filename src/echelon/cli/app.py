@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import click
 
-from echelon.cli.parameters import Argument, Command, Option, click_parameter
+from echelon.cli.parameters import Command, Option, Positional, click_parameter
 from echelon.cli.screen import set_verbosity
 from echelon.shared import Measured, Order, nearest_of
 
@@ -20,7 +20,7 @@ Run = Callable[..., Any]
 """A function that is a command: it has the command's name, documentation and parameters."""
 
 
-class Commands(click.Group):
+class CommandGroup(click.Group):
     """All commands.  Only a command that is asked for is built."""
 
     def __init__(self, **options: Any) -> None:
@@ -143,7 +143,7 @@ def _root(traceback: bool) -> None:
         os.environ["ECHELON_TRACEBACK"] = "1"
 
 
-app = Commands(
+app = CommandGroup(
     name="echelon",
     help="Exact base inertial parameters of robots, in closed form, with a certificate.",
     callback=_root,
@@ -167,7 +167,7 @@ app = Commands(
 
 
 Robot = Annotated[
-    Path, Argument(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")
+    Path, Positional(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")
 ]
 Output = Annotated[
     Path | None,

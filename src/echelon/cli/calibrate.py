@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 from echelon.cli.app import AsJson, Force, Seed, app, reads_robot
-from echelon.cli.parameters import Argument, Option
+from echelon.cli.parameters import Option, Positional
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.shared import CalibrationErrors, InputError, one_line
 
@@ -25,14 +25,14 @@ CALIBRATION, REPORT = "calibration.json", "calibration.html"
 def calibrate(
     robot: Annotated[
         Path,
-        Argument(
+        Positional(
             help="Robot description with the section 'measure'; or URDF, SDF, MJCF for poses of the last body."
         ),
     ],
     read: dict[str, Any],
     logs: Annotated[
         list[Path] | None,
-        Argument(
+        Positional(
             help="Logs of poses: joint positions and measurements. Without a log, the command derives which errors "
             "such measurements show."
         ),

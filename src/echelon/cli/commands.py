@@ -27,7 +27,7 @@ from echelon.cli.app import (
     app,
     reads_robot,
 )
-from echelon.cli.parameters import Argument, Option
+from echelon.cli.parameters import Option, Positional
 from echelon.cli.process import Exit
 from echelon.cli.screen import json_text, show
 from echelon.compute import VARIABLES
@@ -169,11 +169,11 @@ def sensors(
 def setup(
     robot: Annotated[
         Path,
-        Argument(help="URDF, SDF, MJCF, or a description without the section log."),
+        Positional(help="URDF, SDF, MJCF, or a description without the section log."),
     ],
     logs: Annotated[
         list[Path],
-        Argument(help="One log, or several files of one log with a common clock."),
+        Positional(help="One log, or several files of one log with a common clock."),
     ],
     output: Output = None,
     force: Force = False,
@@ -195,11 +195,13 @@ def setup(
 def identify(
     setup: Annotated[
         Path,
-        Argument(help="Robot description with its measurement set-up; or URDF, MJCF."),
+        Positional(
+            help="Robot description with its measurement set-up; or URDF, MJCF."
+        ),
     ],
     logs: Annotated[
         list[Path],
-        Argument(
+        Positional(
             help="CSV, Parquet, NPZ, MAT, HDF5, ROS bag or MCAP; a directory stands for all logs in it."
         ),
     ],
@@ -311,10 +313,12 @@ def identify(
 def check(
     setup: Annotated[
         Path,
-        Argument(help="Robot description with its measurement set-up; or URDF, MJCF."),
+        Positional(
+            help="Robot description with its measurement set-up; or URDF, MJCF."
+        ),
     ],
     logs: Annotated[
-        list[Path], Argument(help="Logs; a directory stands for all logs in it.")
+        list[Path], Positional(help="Logs; a directory stands for all logs in it.")
     ],
     read: dict[str, Any],
     as_json: AsJson = False,
@@ -329,10 +333,12 @@ def check(
     epilog="Example: echelon predict result/model.json run3.parquet -o predicted.csv"
 )
 def predict(
-    model: Annotated[Path, Argument(help="model.json that 'echelon identify' wrote.")],
+    model: Annotated[
+        Path, Positional(help="model.json that 'echelon identify' wrote.")
+    ],
     log: Annotated[
         Path,
-        Argument(help="A log of positions; outputs are compared where it has them."),
+        Positional(help="A log of positions; outputs are compared where it has them."),
     ],
     output: Annotated[
         Path | None,
@@ -366,7 +372,7 @@ Schema = Literal[
 @app.command(epilog="Example: echelon verify panda.json")
 def verify(
     file: Annotated[
-        Path, Argument(help="JSON file written by 'derive --format json'.")
+        Path, Positional(help="JSON file written by 'derive --format json'.")
     ],
     as_json: AsJson = False,
     seed: Seed = None,
@@ -388,7 +394,7 @@ def audit(
     robot: Robot,
     claimed: Annotated[
         Path,
-        Argument(
+        Positional(
             help="Base parameters to check: CSV, JSON, or one expression per line."
         ),
     ],
@@ -459,7 +465,7 @@ def _definitions(texts: Sequence[str]) -> dict[str, str]:
 )
 def compare(
     first: Robot,
-    second: Annotated[Path, Argument(help="A robot with the same joints.")],
+    second: Annotated[Path, Positional(help="A robot with the same joints.")],
     read: dict[str, Any],
     tolerance: Annotated[
         float | None,
@@ -519,7 +525,7 @@ def _held(texts: Sequence[str]) -> dict[str, float]:
 
 @app.command(epilog="Example: echelon schema description > robot.schema.json")
 def schema(
-    which: Annotated[Schema, Argument(help="Which schema to print.")],
+    which: Annotated[Schema, Positional(help="Which schema to print.")],
 ) -> None:
     """Print the JSON schema of a file format."""
     from echelon.base import BaseModelRecord, LinearBaseRecord, json_schema

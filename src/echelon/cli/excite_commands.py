@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import click
 
 from echelon.cli.app import AS_READ, AsJson, Force, app, reads_robot
-from echelon.cli.parameters import Argument, Option
+from echelon.cli.parameters import Option, Positional
 from echelon.cli.process import Exit, stop_asked
 from echelon.cli.screen import steps
 from echelon.shared import Family, Optimality
@@ -24,7 +24,7 @@ SampleFormat = Literal["csv", "parquet", "yaml"]
 
 SetupFile = Annotated[
     Path,
-    Argument(
+    Positional(
         help="Robot description with its sensors and the section 'excitation'; or URDF, MJCF."
     ),
 ]
@@ -184,7 +184,7 @@ def check_trajectory(
     setup: SetupFile,
     trajectory: Annotated[
         Path,
-        Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML)."),
+        Positional(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML)."),
     ],
     read: dict[str, Any],
     output: Annotated[

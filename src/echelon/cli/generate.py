@@ -21,7 +21,7 @@ from echelon.cli.app import (
     reading,
     reads_robot,
 )
-from echelon.cli.parameters import Argument, Option
+from echelon.cli.parameters import Option, Positional
 from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.shared import CertificateError, InputError, one_line
 
@@ -49,7 +49,7 @@ LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, clo
 def generate(
     robot: Annotated[
         Path,
-        Argument(
+        Positional(
             help="URDF, MJCF, Echelon description, or base parameters saved as JSON."
         ),
     ],

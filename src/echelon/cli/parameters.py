@@ -15,7 +15,7 @@ import click
 
 
 class Stated:
-    """What an annotation says about a parameter beside its type."""
+    """Names, help and limits of a parameter, as its annotation states them beside the type."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Option(Stated):
     """A parameter with a name, such as ``--seed``."""
 
 
-class Argument(Stated):
+class Positional(Stated):
     """A parameter that stands at its place."""
 
 
@@ -88,7 +88,7 @@ def click_parameter(parameter: Parameter) -> click.Parameter:
     }
     if not required:
         common["default"] = parameter.default
-    if isinstance(stated, Argument):
+    if isinstance(stated, Positional):
         argument = _Argument([parameter.name], nargs=-1 if several else 1, **common)
         argument.meaning = stated.help
         return argument

@@ -117,7 +117,7 @@ def _as_logged(setup: Setup, paths: Sequence[Path]) -> Setup:
 
 
 def _consequence(names: str) -> str:
-    """What follows where an output is not measured."""
+    """The consequence of an output that is not measured, in a sentence."""
     return f"parameters that only the output of {names} shows are left out, and it is not predicted"
 
 
