@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import ConfigDict, Field
-
-from echelon.base import FiniteRecord
 from echelon.calibration.calibrating import Calibration
-from echelon.shared import Floats, published_schema
+from echelon.shared import Floats, Record, file_schema, required
 
 SCHEMA: Literal["echelon.calibration/1"] = "echelon.calibration/1"
 
 
-class CombinationRecord(FiniteRecord):
+class CombinationRecord(Record):
     """A combination of errors that the measurements show."""
 
     combination: str
@@ -26,7 +23,7 @@ class CombinationRecord(FiniteRecord):
     shown: bool
 
 
-class HeldOutRecord(FiniteRecord):
+class HeldOutRecord(Record):
     """Root mean squares of what is left in held-out rows, m or rad."""
 
     measurement: str
@@ -38,12 +35,12 @@ class HeldOutRecord(FiniteRecord):
     noise: float
 
 
-class CalibrationRecord(FiniteRecord):
+class CalibrationRecord(Record):
     """A calibrated geometry; frames are 4 × 4 matrices by rows."""
 
-    model_config = ConfigDict(title="Echelon calibration", populate_by_name=True)
+    title = "Echelon calibration"
 
-    schema_: Literal["echelon.calibration/1"] = Field(alias="schema")
+    schema: Literal["echelon.calibration/1"]
     robot: str
     rank: int
     certificate: str
@@ -55,16 +52,14 @@ class CalibrationRecord(FiniteRecord):
     left_out: int
     tools: dict[str, list[list[float]]]
     frames: dict[str, list[list[float]]]
-    doubts: list[str] = Field(
-        description="What speaks against the result: measurements that it does not explain."
+    doubts: list[str] = required(
+        "What speaks against the result: measurements that it does not explain."
     )
 
 
 def calibration_schema() -> dict[str, Any]:
     """The JSON schema of the document."""
-    return published_schema(
-        "calibration", CalibrationRecord.model_json_schema(by_alias=True)
-    )
+    return file_schema(CalibrationRecord)
 
 
 def calibration_document(found: Calibration) -> dict[str, Any]:
@@ -114,7 +109,7 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
         tools=_listed(found.tools),
         frames=_listed(found.frames),
         doubts=list(found.doubts),
-    ).model_dump(by_alias=True)
+    ).model_dump()
 
 
 def _listed(frames: Mapping[str, Floats]) -> dict[str, list[list[float]]]:

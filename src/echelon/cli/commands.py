@@ -522,8 +522,9 @@ def schema(
     which: Annotated[Schema, Argument(help="Which schema to print.")],
 ) -> None:
     """Print the JSON schema of a file format."""
-    from echelon.base import BaseModelRecord, LinearBaseRecord, json_schema
+    from echelon.base import BaseModelRecord, LinearBaseRecord
     from echelon.identification import IdentifiedRecord
+    from echelon.shared import file_schema
 
     if which == "description":
         from echelon.formats import (
@@ -549,7 +550,7 @@ def schema(
             "linear-base": LinearBaseRecord,
             "identified": IdentifiedRecord,
         }
-        found = json_schema(records[which])
+        found = file_schema(records[which])
     show(json.dumps(found, indent=2))
 
 
