@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from echelon.calibration.calibrating import Calibration
-from echelon.shared import Floats, Record, file_schema, required
+from echelon.shared import Floats, Record, file_schema, record_data, required
 
 SCHEMA: Literal["echelon.calibration/1"] = "echelon.calibration/1"
 
@@ -66,15 +66,15 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
     """A calibration as JSON-able data."""
     base = found.base
     combinations = [
-        CombinationRecord(
-            combination=str(expression),
-            unit=expression.unit,
-            value=value,
-            deviation=deviation,
-            low=low,
-            high=high,
-            shown=pivot not in found.hidden,
-        )
+        {
+            "combination": str(expression),
+            "unit": expression.unit,
+            "value": value,
+            "deviation": deviation,
+            "low": low,
+            "high": high,
+            "shown": pivot not in found.hidden,
+        }
         for expression, pivot, value, deviation, (low, high) in zip(
             base.readable,
             base.pivots,
@@ -85,31 +85,22 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
         )
     ]
     scores = [
-        HeldOutRecord(
-            measurement=s.name,
-            **{
-                k: getattr(s, k)
-                for k in HeldOutRecord.model_fields
-                if k != "measurement"
-            },
-        )
-        for s in found.scores
+        record_data(HeldOutRecord, score, measurement=score.name)
+        for score in found.scores
     ]
-    return CalibrationRecord(
+    document = record_data(
+        CalibrationRecord,
+        found,
         schema=SCHEMA,
         robot=found.robot.mechanism.name,
         rank=base.rank,
         certificate=str(base.certificate),
         combinations=combinations,
-        unidentifiable=list(found.unidentifiable),
-        errors=dict(found.errors),
         scores=scores,
-        outliers=list(found.outliers),
-        left_out=found.left_out,
         tools=_listed(found.tools),
         frames=_listed(found.frames),
-        doubts=list(found.doubts),
-    ).model_dump()
+    )
+    return CalibrationRecord.model_validate(document).model_dump()
 
 
 def _listed(frames: Mapping[str, Floats]) -> dict[str, list[list[float]]]:

@@ -84,6 +84,7 @@ from echelon.shared.records import AfterValidator as AfterValidator
 from echelon.shared.records import BeforeValidator as BeforeValidator
 from echelon.shared.records import Bounds as Bounds
 from echelon.shared.records import Discriminator as Discriminator
+from echelon.shared.records import PlainValidator as PlainValidator
 from echelon.shared.records import Record as Record
 from echelon.shared.records import Tag as Tag
 from echelon.shared.records import UnfitError as UnfitError

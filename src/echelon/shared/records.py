@@ -55,7 +55,7 @@ class UnfitError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class BeforeValidator:
-    """Makes the value to check of what is stated; a text, a number or a truth value is not checked again."""
+    """Makes the value to check of what is stated."""
 
     function: Check
     json_schema_input_type: Any = None  # what may be stated, where that is another type
@@ -63,6 +63,17 @@ class BeforeValidator:
     def around(self, inner: Check) -> Check:
         """The check of a type with this before it."""
         return lambda value: inner(_refusing(self.function, value))
+
+
+@dataclass(frozen=True, eq=False)
+class PlainValidator:
+    """Makes the result of what is stated, which is not checked again."""
+
+    function: Check
+
+    def around(self, _inner: Check) -> Check:
+        """The check of a type that this reads."""
+        return lambda value: _refusing(self.function, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,14 +196,9 @@ def _record_check(kind: type) -> Check:
 
 def _annotated(kind: Any, *marks: Any) -> Check:
     choice = next((mark for mark in marks if isinstance(mark, Discriminator)), None)
-    if choice is not None:
-        check = _chosen(kind, choice)
-    elif kind in _PLAIN and any(isinstance(mark, BeforeValidator) for mark in marks):
-        check = check_of(Any)
-    else:
-        check = check_of(kind)
+    check = check_of(kind) if choice is None else _chosen(kind, choice)
     for mark in marks:
-        if isinstance(mark, BeforeValidator | AfterValidator | Bounds):
+        if isinstance(mark, BeforeValidator | PlainValidator | AfterValidator | Bounds):
             check = mark.around(check)
     return check
 
@@ -233,12 +239,12 @@ def _any_of(checks: Sequence[Check]) -> Check:
 
 
 def _one_of(value: Any, valid: tuple[Any, ...]) -> Any:
-    if not any(type(value) is type(one) and value == one for one in valid):
-        given = kind_of(value)
-        raise UnfitError(
-            f"{given} is not valid{nearest_of(str(value), map(str, valid))}"
-        )
-    return value
+    if any(type(value) is type(one) and value == one for one in valid):
+        return value
+    if isinstance(valid[0], str):
+        hint = nearest_of(str(value), valid)
+        raise UnfitError(f"{kind_of(value)} is not valid{hint}")
+    raise UnfitError(f"needs {' or '.join(map(repr, valid))}, found {value!r}")
 
 
 def _tuple(parts: tuple[Any, ...]) -> Check:

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues
 from echelon.shared import (
-    BeforeValidator,
     Bounds,
+    PlainValidator,
     Record,
     UnfitError,
     WithJsonSchema,
@@ -32,7 +32,7 @@ def _prime(value: object) -> int:
     return int(value)
 
 
-Prime = Annotated[int, BeforeValidator(_prime), WithJsonSchema({"type": "string"})]
+Prime = Annotated[int, PlainValidator(_prime), WithJsonSchema({"type": "string"})]
 
 # -- base models -------------------------------------------------------------------------------------------------------
 

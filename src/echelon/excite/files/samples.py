@@ -35,6 +35,7 @@ from echelon.shared import (
     Bounds,
     Floats,
     InputError,
+    PlainValidator,
     Record,
     UnfitError,
     extra,
@@ -369,13 +370,13 @@ def _named(value: object) -> object:
 def _read(kind: type, words: str, value: Any) -> Any:
     """The number of a YAML text."""
     try:
-        return kind(value) if isinstance(value, str) else value
-    except ValueError:
+        return kind(value)
+    except (TypeError, ValueError):
         raise UnfitError(f"needs {words}, found {kind_of(value)}") from None
 
 
-_Real = Annotated[float, BeforeValidator(partial(_read, float, "a number"))]
-_Whole = Annotated[int, BeforeValidator(partial(_read, int, "a whole number"))]
+_Real = Annotated[float, PlainValidator(partial(_read, float, "a number"))]
+_Whole = Annotated[int, PlainValidator(partial(_read, int, "a whole number"))]
 
 
 class _Stamp(Record):

@@ -226,7 +226,11 @@ def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> Moti
     columns = dict(zip(names, coefficients.T, strict=True))
     if isinstance(basis, Combined):
         parts = [_written(part, own, names) for part, own in basis.split(coefficients)]
-        return parts[0] if len(parts) == 1 else SumRecord(family="sum", parts=parts)
+        return (
+            parts[0]
+            if len(parts) == 1
+            else SumRecord.model_construct(family="sum", parts=parts)
+        )
     if isinstance(basis, Fourier):
         found = {
             name: FourierCoefficients(
@@ -247,7 +251,7 @@ def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> Moti
             [float(basis.duration)] * basis.degree,
         )
         points = {name: column.tolist() for name, column in columns.items()}
-        return SplinesRecord(
+        return SplinesRecord.model_construct(
             family="splines",
             degree=basis.degree,
             knots=[k for part in knots for k in part],

@@ -27,6 +27,7 @@ from echelon.shared import (
     Bounds,
     Family,
     Optimality,
+    PlainValidator,
     Unreadable,
     WithJsonSchema,
     kind_of,
@@ -38,7 +39,7 @@ from echelon.shared import (
 EVERY = "all"  # key of mappings by name that stands for every name that is not listed
 
 
-NO_LIMIT = "none"
+NO_LIMIT = "none"  # for a limit that does not exist, since JSON has no infinity
 _TEXTS = ("body", "name", "mesh")  # keys of shapes whose values are texts
 
 
@@ -120,15 +121,15 @@ def _one_or_each(item: dict[str, Any]) -> WithJsonSchema:
 Positive = Annotated[Number, Bounds(gt=0)]
 NotNegative = Annotated[Number, Bounds(ge=0)]
 Count = Annotated[Whole, Bounds(ge=1)]
-Limit = Annotated[float, BeforeValidator(_limit), Bounds(gt=0)]
+Limit = Annotated[float, PlainValidator(_limit), Bounds(gt=0)]
 Range = Annotated[
     tuple[float, float],
-    BeforeValidator(_range),
+    PlainValidator(_range),
     WithJsonSchema(_INTERVAL),
 ]
-Point = Annotated[tuple[float, float, float], BeforeValidator(_corner), _THREE]
-Unit = Annotated[tuple[float, float, float], BeforeValidator(_normal), _THREE]
-Shape = Annotated[dict[str, Any], BeforeValidator(_shape)]
+Point = Annotated[tuple[float, float, float], PlainValidator(_corner), _THREE]
+Unit = Annotated[tuple[float, float, float], PlainValidator(_normal), _THREE]
+Shape = Annotated[dict[str, Any], PlainValidator(_shape)]
 Pair = Annotated[
     tuple[Name, Name],
     sized(2, "a pair of names such as [link1, link3]"),

@@ -23,6 +23,7 @@ from echelon.shared import (
     BeforeValidator,
     Bounds,
     Discriminator,
+    PlainValidator,
     Record,
     Tag,
     UnfitError,
@@ -102,16 +103,16 @@ def sized(size: int, what: str) -> BeforeValidator:
 
 Expression = Annotated[
     str,
-    BeforeValidator(partial(_scalar, "an expression such as 0.333, pi/2 or -l1/2")),
+    PlainValidator(partial(_scalar, "an expression such as 0.333, pi/2 or -l1/2")),
     WithJsonSchema({"type": ["number", "string"]}),
 ]
 """The text of an exact expression."""
 
 Name = Annotated[
-    str, BeforeValidator(_name), WithJsonSchema({"type": ["string", "integer"]})
+    str, PlainValidator(_name), WithJsonSchema({"type": ["string", "integer"]})
 ]
-Flag = Annotated[bool, BeforeValidator(_flag)]
-Version = Annotated[Literal[1], BeforeValidator(_version)]
+Flag = Annotated[bool, PlainValidator(_flag)]
+Version = Annotated[Literal[1], PlainValidator(_version)]
 Triple = Annotated[
     tuple[Expression, Expression, Expression],
     sized(3, "a list of three expressions such as [0, 0, 0.333]"),
@@ -127,7 +128,7 @@ Ten = Annotated[
 ]
 Part = Annotated[
     str | None,
-    BeforeValidator(lambda value: None if value is None else _name(value)),
+    PlainValidator(lambda value: None if value is None else _name(value)),
     WithJsonSchema({"type": ["string", "integer", "null"]}),
 ]
 PairOfParts = Annotated[
@@ -173,12 +174,12 @@ def _whole(value: object) -> int:
 
 
 SCALAR: dict[str, Any] = {"type": ["number", "string"]}
-Number = Annotated[float, BeforeValidator(number), WithJsonSchema(SCALAR)]
+Number = Annotated[float, PlainValidator(number), WithJsonSchema(SCALAR)]
 Real = Annotated[
-    float, BeforeValidator(_real), WithJsonSchema(SCALAR)
+    float, PlainValidator(_real), WithJsonSchema(SCALAR)
 ]  # a number or ``inf``
 Whole = Annotated[
-    int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})
+    int, PlainValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})
 ]
 
 
