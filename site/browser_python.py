@@ -25,7 +25,7 @@ SITE = Path(__file__).parent
 PACKED = "packages.bin"
 """Name of the archive; servers unpack what is called .gz."""
 UNUSED = re.compile(
-    r"(^|/)(tests?|_pyinstaller|distutils|f2py|v1)/|\.dist-info/[^l][^/]*$|linux-gnu\.so$|\.(pyi|pxd|h|c|a|typed)$|^pydantic/mypy\.py$"
+    r"(^|/)(tests?|_pyinstaller|distutils|f2py|v1)/|\.dist-info/[^l][^/]*$|linux-gnu\.so$|\.(pyi|pxd|h|c|a|typed)$"
 )
 """Files of wheels that no page imports."""
 EXPORTS, IMPORTS = 7, 2  # sections of a module of WebAssembly

@@ -326,7 +326,7 @@ def test_documents(tmp_path: Path) -> None:
         return str(caught.value)
 
     head = "echelon: 1\nmodel: linear\nvariables: [x]\nparameters: [p]\n"
-    assert "give either outputs or regressor" in refused(head)
+    assert "give exactly one of outputs, regressor" in refused(head)
     assert "colour" in refused(head + "colour: red\noutputs: {y: p*x}\n")
     assert "model.yaml: output 'y': not linear" in refused(
         head + "outputs: {y: p*p*x}\n"

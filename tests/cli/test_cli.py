@@ -11,9 +11,10 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from echelon.base.saved.schema import BaseModelRecord, json_schema
+from echelon.base.saved.schema import BaseModelRecord
 from echelon.cli.commands import app
 from echelon.cli.destination import MANIFEST
+from echelon.shared.record_schemas import file_schema
 from support.command_line import run, run_alone
 from support.paths import ROOT
 from support.selection import slow_unless
@@ -55,7 +56,7 @@ def test_json_follows_its_schema_and_repeats() -> None:
     )
     assert first.stdout == second.stdout
     data = json.loads(first.stdout)
-    jsonschema.Draft202012Validator(json_schema(BaseModelRecord)).validate(data)
+    jsonschema.Draft202012Validator(file_schema(BaseModelRecord)).validate(data)
     term = next(
         t for row in data["base"] for t in row["terms"] if t["coefficient"] == "a4^2"
     )

@@ -338,22 +338,22 @@ def test_positions_alone_make_a_message(tmp_path: Path) -> None:
         ),
         (
             message(joint_names=[["j1"], "j9"]),
-            "joint_names.0: .* should be a valid string",
+            "joint_names.0: .* needs a text",
         ),
         (point(3, positions=[1.0]), r"points\[3\].positions: holds 1 numbers; needs 2"),
         (point(3, positions=[]), r"points\[3\].positions: holds 0 numbers; needs 2"),
-        (point(3, positions=5.0), "points.3.positions: .* should be a valid list"),
+        (point(3, positions=5.0), "points.3.positions: .* needs a list"),
         (
             point(3, positions=["x", 0]),
-            "points.3.positions.0: .* should be a valid number",
+            "points.3.positions.0: .* needs a (finite )?number",
         ),
         (
             point(3, positions=[[1], 0]),
-            "points.3.positions.0: .* should be a valid number",
+            "points.3.positions.0: .* needs a (finite )?number",
         ),
         (
             point(3, positions=[float("nan"), 0]),
-            "points.3.positions.0: .* should be a valid number",
+            "points.3.positions.0: .* needs a (finite )?number",
         ),
         (
             point(0, velocities=[0.0, 0.0]),
@@ -365,7 +365,7 @@ def test_positions_alone_make_a_message(tmp_path: Path) -> None:
         ),
         (
             point(3, time_from_start={"sec": 3}),
-            "points.3.time_from_start.nanosec: .* required",
+            "points.3.time_from_start.nanosec: .* missing",
         ),
         (
             point(3, time_from_start={"sec": 10**400, "nanosec": 0}),

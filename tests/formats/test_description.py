@@ -14,7 +14,6 @@ import yaml
 
 import echelon as ec
 from echelon.base.saved.schema import BaseModelRecord, LinearBaseRecord
-from echelon.base.saved.schema import json_schema as result_schema
 from echelon.calibration import calibration_schema
 from echelon.comparison.result import comparison_schema
 from echelon.excite.files.trajectory_file import trajectory_schema
@@ -24,6 +23,7 @@ from echelon.formats.snapping import ReadingOptions
 from echelon.formats.writers.description_writer import write_description
 from echelon.identification.saved.schema import IdentifiedRecord
 from echelon.robot.mechanism import Mechanism
+from echelon.shared.record_schemas import file_schema
 from support import textbook_arms as arms
 from support.descriptions import read_description
 from support.float_regressor import float_regressor, random_states
@@ -208,9 +208,9 @@ def test_published_schemas_are_up_to_date(file: str) -> None:
     which = "description" if file == "robot" else file.replace("_", "-")
     expected = {
         "robot": json_schema,
-        "base_model": lambda: result_schema(BaseModelRecord),
-        "linear_base": lambda: result_schema(LinearBaseRecord),
-        "identified": lambda: result_schema(IdentifiedRecord),
+        "base_model": lambda: file_schema(BaseModelRecord),
+        "linear_base": lambda: file_schema(LinearBaseRecord),
+        "identified": lambda: file_schema(IdentifiedRecord),
         "trajectory": trajectory_schema,
         "comparison": comparison_schema,
         "calibration": calibration_schema,
@@ -223,7 +223,7 @@ def test_published_schemas_are_up_to_date(file: str) -> None:
 
 def test_a_saved_model_follows_its_schema(tmp_path: Path) -> None:
     ec.save_base(ec.base_parameters(arms.double_pendulum()), tmp_path / "base.json")
-    jsonschema.Draft202012Validator(result_schema(BaseModelRecord)).validate(
+    jsonschema.Draft202012Validator(file_schema(BaseModelRecord)).validate(
         json.loads((tmp_path / "base.json").read_text())
     )
 

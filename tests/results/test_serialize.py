@@ -19,9 +19,10 @@ from echelon.algebra.exact.rational import RationalFunction
 from echelon.base.certificate import Certificate, certify
 from echelon.base.derive import model_at_stated_values
 from echelon.base.saved.saved import from_json, to_json
-from echelon.base.saved.schema import BaseModelRecord, json_schema
+from echelon.base.saved.schema import BaseModelRecord
 from echelon.dynamics.linear_forms import virtual_power_form
 from echelon.robot.mechanism import Mechanism
+from echelon.shared.record_schemas import file_schema
 from support import textbook_arms as arms
 from support.paths import ROOT
 from support.selection import one_in, slow_unless
@@ -55,7 +56,7 @@ def check_round_trip(model: ec.BaseModel) -> None:
     assert again.matrix.rows == model.matrix.rows
     assert again.reading == model.reading
     assert to_json(again) == text
-    jsonschema.Draft202012Validator(json_schema(BaseModelRecord)).validate(
+    jsonschema.Draft202012Validator(file_schema(BaseModelRecord)).validate(
         json.loads(text)
     )
     assert ec.verify(again).rank == model.rank

@@ -478,7 +478,7 @@ def _named(annotation: object, module: str) -> Iterator[type]:
         member = vars(sys.modules[module]).get(name)
         if inspect.isclass(member) and member.__module__.startswith("echelon."):
             # marks in annotations say how a value is checked, and no object holds them
-            if member.__module__ != "echelon.formats.schema.models":
+            if member.__module__ != "echelon.shared.records":
                 yield member
         elif member is None:  # imported for type checkers only
             yield from _own_classes().get(name, [])

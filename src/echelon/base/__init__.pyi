@@ -44,12 +44,8 @@ from echelon.base.saved.saved import to_dict as to_dict
 from echelon.base.saved.saved import to_json as to_json
 from echelon.base.saved.saved import verify as verify
 from echelon.base.saved.schema import BaseModelRecord as BaseModelRecord
-from echelon.base.saved.schema import FiniteRecord as FiniteRecord
 from echelon.base.saved.schema import LinearBaseRecord as LinearBaseRecord
 from echelon.base.saved.schema import Value as Value
-from echelon.base.saved.schema import checked as checked
-from echelon.base.saved.schema import json_schema as json_schema
-from echelon.base.saved.schema import record_of as record_of
 from echelon.base.sensors import SensorReport as SensorReport
 from echelon.base.sensors import sensor_report as sensor_report
 from echelon.base.special import SpecialGeometry as SpecialGeometry

@@ -22,7 +22,6 @@ from echelon.calibration.sights import sights_of
 from echelon.formats import (
     MeasureEntry,
     RobotFile,
-    UnfitError,
     WrittenRobot,
     calibrated_robot,
 )
@@ -34,6 +33,7 @@ from echelon.shared import (
     Flags,
     Floats,
     InputError,
+    UnfitError,
     nearest_of,
     public,
     symbol_stem,

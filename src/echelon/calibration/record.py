@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import ConfigDict, Field
-
-from echelon.base import FiniteRecord
 from echelon.calibration.calibrating import Calibration
-from echelon.shared import Floats, published_schema
+from echelon.shared import Floats, Record, file_schema, record_data, required
 
 SCHEMA: Literal["echelon.calibration/1"] = "echelon.calibration/1"
 
 
-class CombinationRecord(FiniteRecord):
+class CombinationRecord(Record):
     """A combination of errors that the measurements show."""
 
     combination: str
@@ -26,7 +23,7 @@ class CombinationRecord(FiniteRecord):
     shown: bool
 
 
-class HeldOutRecord(FiniteRecord):
+class HeldOutRecord(Record):
     """Root mean squares of what is left in held-out rows, m or rad."""
 
     measurement: str
@@ -38,12 +35,12 @@ class HeldOutRecord(FiniteRecord):
     noise: float
 
 
-class CalibrationRecord(FiniteRecord):
+class CalibrationRecord(Record):
     """A calibrated geometry; frames are 4 × 4 matrices by rows."""
 
-    model_config = ConfigDict(title="Echelon calibration", populate_by_name=True)
+    title = "Echelon calibration"
 
-    schema_: Literal["echelon.calibration/1"] = Field(alias="schema")
+    schema: Literal["echelon.calibration/1"]
     robot: str
     rank: int
     certificate: str
@@ -55,31 +52,29 @@ class CalibrationRecord(FiniteRecord):
     left_out: int
     tools: dict[str, list[list[float]]]
     frames: dict[str, list[list[float]]]
-    doubts: list[str] = Field(
-        description="What speaks against the result: measurements that it does not explain."
+    doubts: list[str] = required(
+        "What speaks against the result: measurements that it does not explain."
     )
 
 
 def calibration_schema() -> dict[str, Any]:
     """The JSON schema of the document."""
-    return published_schema(
-        "calibration", CalibrationRecord.model_json_schema(by_alias=True)
-    )
+    return file_schema(CalibrationRecord)
 
 
 def calibration_document(found: Calibration) -> dict[str, Any]:
     """A calibration as JSON-able data."""
     base = found.base
     combinations = [
-        CombinationRecord(
-            combination=str(expression),
-            unit=expression.unit,
-            value=value,
-            deviation=deviation,
-            low=low,
-            high=high,
-            shown=pivot not in found.hidden,
-        )
+        {
+            "combination": str(expression),
+            "unit": expression.unit,
+            "value": value,
+            "deviation": deviation,
+            "low": low,
+            "high": high,
+            "shown": pivot not in found.hidden,
+        }
         for expression, pivot, value, deviation, (low, high) in zip(
             base.readable,
             base.pivots,
@@ -90,31 +85,22 @@ def calibration_document(found: Calibration) -> dict[str, Any]:
         )
     ]
     scores = [
-        HeldOutRecord(
-            measurement=s.name,
-            **{
-                k: getattr(s, k)
-                for k in HeldOutRecord.model_fields
-                if k != "measurement"
-            },
-        )
-        for s in found.scores
+        record_data(HeldOutRecord, score, measurement=score.name)
+        for score in found.scores
     ]
-    return CalibrationRecord(
+    document = record_data(
+        CalibrationRecord,
+        found,
         schema=SCHEMA,
         robot=found.robot.mechanism.name,
         rank=base.rank,
         certificate=str(base.certificate),
         combinations=combinations,
-        unidentifiable=list(found.unidentifiable),
-        errors=dict(found.errors),
         scores=scores,
-        outliers=list(found.outliers),
-        left_out=found.left_out,
         tools=_listed(found.tools),
         frames=_listed(found.frames),
-        doubts=list(found.doubts),
-    ).model_dump(by_alias=True)
+    )
+    return CalibrationRecord.model_validate(document).model_dump()
 
 
 def _listed(frames: Mapping[str, Floats]) -> dict[str, list[list[float]]]:

@@ -528,8 +528,9 @@ def schema(
     which: Annotated[Schema, Positional(help="Which schema to print.")],
 ) -> None:
     """Print the JSON schema of a file format."""
-    from echelon.base import BaseModelRecord, LinearBaseRecord, json_schema
+    from echelon.base import BaseModelRecord, LinearBaseRecord
     from echelon.identification import IdentifiedRecord
+    from echelon.shared import file_schema
 
     if which == "description":
         from echelon.formats import (
@@ -555,7 +556,7 @@ def schema(
             "linear-base": LinearBaseRecord,
             "identified": IdentifiedRecord,
         }
-        found = json_schema(records[which])
+        found = file_schema(records[which])
     show(json.dumps(found, indent=2))
 
 

@@ -7,11 +7,9 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from pydantic import TypeAdapter
-
 from echelon.base import GeometryDifference
 from echelon.comparison.outputs import PARTS
-from echelon.shared import one_line, public, published_schema, shortened
+from echelon.shared import one_line, public, published_schema, schema_of, shortened
 
 SCHEMA_NAME = "echelon.comparison/1"
 _LISTED, _LONGEST = 8, 100
@@ -247,7 +245,7 @@ def _shown(title: str, entries: Iterable[object]) -> list[str]:
 
 def comparison_schema() -> dict[str, Any]:
     """The JSON schema of :meth:`Comparison.to_dict`."""
-    schema = TypeAdapter(Comparison).json_schema()
+    schema = schema_of(Comparison)
     schema["properties"] = {"schema": {"const": SCHEMA_NAME}, **schema["properties"]}
     schema["required"] = ["schema", *schema["required"]]
     return published_schema("comparison", schema)

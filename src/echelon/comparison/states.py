@@ -11,9 +11,15 @@ import numpy as np
 from echelon.comparison.inertias import file_of
 from echelon.comparison.outputs import StateBox
 from echelon.excite import changed, resolved_limits
-from echelon.formats import EVERY, ExcitationEntry, StatedLimits, stated_limits
+from echelon.formats import (
+    EVERY,
+    NO_LIMIT,
+    ExcitationEntry,
+    StatedLimits,
+    stated_limits,
+)
 from echelon.robot import Mechanism, MotionKind
-from echelon.shared import InputError, listed
+from echelon.shared import InputError, listed, plain_data
 
 _ROOM = 1.0  # m to each side for a floating base, where no output depends on the place
 _ANYWHERE = 1e3  # rad or m, beyond all positions that loops lead to
@@ -42,7 +48,8 @@ def states_of(
         if motion.kind is MotionKind.TRANSLATION
         for name in motion.velocities
     }
-    own = entry.limits.model_dump(mode="json", exclude_unset=True) | dict(limits)
+    own = plain_data(entry.limits.model_dump(exclude_unset=True), NO_LIMIT)
+    own |= limits
     entry = changed(entry, {"limits": own}, "limits")
     room = {**floating, **entry.limits.position}
     limited = entry.limits.model_copy(update={"position": room, "jerk": {EVERY: inf}})

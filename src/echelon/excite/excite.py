@@ -21,9 +21,10 @@ from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.solve.design import Chance, designed, safe, searched
 from echelon.excite.solve.solver import Watch
 from echelon.excite.verify import Margin, margins_of
+from echelon.formats import NO_LIMIT
 from echelon.identification import Finding, Setup, setup_of, warning, with_file_effects
 from echelon.robot import Readable
-from echelon.shared import Floats, InputError, __version__, public
+from echelon.shared import Floats, InputError, __version__, plain_data, public
 
 MOMENTS = 40
 """Times at which conditioning is reported: a curve over time still looks smooth."""
@@ -376,7 +377,7 @@ def _result(
         settings={
             "echelon": __version__,
             "setup": task.setup.source,
-            "excitation": task.entry.model_dump(mode="json"),
+            "excitation": plain_data(task.entry.model_dump(), NO_LIMIT),
             "seed": task.entry.seed,
             **settings,
         },

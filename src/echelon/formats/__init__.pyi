@@ -26,10 +26,9 @@ from echelon.formats.robot_file import RobotFile as RobotFile
 from echelon.formats.robot_file import load as load
 from echelon.formats.robot_file import load_model as load_model
 from echelon.formats.robot_file import open_robot as open_robot
-from echelon.formats.schema.models import UnfitError as UnfitError
-from echelon.formats.schema.models import WithJsonSchema as WithJsonSchema
 from echelon.formats.schema.robot_schema import json_schema as json_schema
 from echelon.formats.schema.schema_excite import EVERY as EVERY
+from echelon.formats.schema.schema_excite import NO_LIMIT as NO_LIMIT
 from echelon.formats.schema.schema_excite import ExcitationEntry as ExcitationEntry
 from echelon.formats.schema.schema_excite import FrameEntry as FrameEntry
 from echelon.formats.schema.schema_excite import LimitsEntry as LimitsEntry
@@ -43,7 +42,6 @@ from echelon.formats.schema.schema_log import LogEntry as LogEntry
 from echelon.formats.schema.schema_log import PreparationEntry as PreparationEntry
 from echelon.formats.schema.schema_measure import MeasureEntry as MeasureEntry
 from echelon.formats.schema.schema_measure import MeasureKind as MeasureKind
-from echelon.formats.schema.schema_types import optional as optional
 from echelon.formats.snapping import ReadingOptions as ReadingOptions
 from echelon.formats.snapping import gravity_vector as gravity_vector
 from echelon.formats.urdf.exact_xml import ExactXml as ExactXml

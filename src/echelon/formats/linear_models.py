@@ -6,15 +6,35 @@ A document says ``echelon: 1`` and ``model: linear``; see ``docs/linear-models.m
 from __future__ import annotations
 
 import os
-from typing import Any, Literal
-
-from pydantic import BaseModel as Schema
-from pydantic import ConfigDict, Field, ValidationError, model_validator
+from typing import Annotated, Any, Literal
 
 from echelon.algebra import to_sympy
 from echelon.dynamics import LinearModel
 from echelon.formats.description.document import Document, read_text
-from echelon.shared import extra, locating, public, read_content
+from echelon.formats.schema.schema_types import (
+    Expression,
+    Model,
+    Name,
+    Version,
+    by_form,
+    exactly_one,
+)
+from echelon.shared import (
+    Tag,
+    UnfitError,
+    extra,
+    locating,
+    optional,
+    public,
+    read_content,
+    required,
+)
+
+_Names = Annotated[
+    Annotated[dict[str, str | None], Tag("mapping")]
+    | Annotated[list[Name], Tag("list")],
+    by_form("mapping", "list"),
+]
 
 
 @public
@@ -41,14 +61,11 @@ def read_linear(document: Document) -> LinearModel:
     """A linear model from a parsed document."""
     try:
         stated = LinearDocument.model_validate(document.data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        path = ".".join(
-            str(part)
-            for part in first["loc"]
-            if part not in ("list[str]", "dict[str,nullable[str]]")
-        )
-        raise document.error(path, first["msg"]) from None
+    except UnfitError as error:
+        from echelon.formats.description.explanations import path_of
+
+        path = path_of(document.data, error)
+        raise document.error(path, error.problem) from None
     parameters = stated.parameters
     units = (
         [unit or "" for unit in parameters.values()]
@@ -66,33 +83,23 @@ def read_linear(document: Document) -> LinearModel:
         )
 
 
-class LinearDocument(Schema):
+class LinearDocument(Model):
     """A model that is linear in its parameters."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, coerce_numbers_to_str=True)
-
-    echelon: Literal["1"] = Field(description="Version of the format.")
+    echelon: Version = required("Version of the format.")
     model: Literal["linear"]
     name: str = "model"
-    variables: list[str] = Field(description="What varies from sample to sample.")
-    parameters: dict[str, str | None] | list[str] = Field(
-        description="Names, or names with units, in column order."
+    variables: list[Name] = required("What varies from sample to sample.")
+    parameters: _Names = required("Names, or names with units, in column order.")
+    constants: _Names = optional({}, "Names, or names with exact values.")
+    outputs: dict[str, Expression] | None = optional(
+        None, "Expressions linear in the parameters, by name."
     )
-    constants: dict[str, str | None] | list[str] = Field(
-        {}, description="Names, or names with exact values."
-    )
-    outputs: dict[str, str] | None = Field(
-        None, description="Expressions linear in the parameters, by name."
-    )
-    regressor: dict[str, list[str]] | None = Field(
-        None, description="Rows of X by the name of their output."
+    regressor: dict[str, list[Expression]] | None = optional(
+        None, "Rows of X by the name of their output."
     )
 
-    @model_validator(mode="after")
-    def _one_of_two(self) -> LinearDocument:
-        if (self.outputs is None) == (self.regressor is None):
-            raise ValueError("give either outputs or regressor")
-        return self
+    _one_form = exactly_one("outputs", "regressor")
 
 
 def linear_document(model: LinearModel) -> dict[str, Any]:

@@ -32,6 +32,8 @@ from echelon.shared import (
     parse_json,
     public,
     read_content,
+    record_data,
+    record_from,
     write_atomically,
 )
 
@@ -56,14 +58,14 @@ def to_json(model: BaseModel | LinearBase) -> str:
 
 def to_dict(model: BaseModel) -> dict[str, Any]:
     """The model as JSON-able data."""
-    from echelon.base.saved.schema import SCHEMA_NAME, BaseModelRecord, record_of
+    from echelon.base.saved.schema import SCHEMA_NAME, BaseModelRecord
     from echelon.formats import write_description
 
     mechanism = model.mechanism
-    document = record_of(
+    document = record_data(
         BaseModelRecord,
         model,
-        format=SCHEMA_NAME,
+        schema=SCHEMA_NAME,
         echelon=__version__,
         name=mechanism.name,
         outputs=[output.name for output in mechanism.outputs],
@@ -211,15 +213,15 @@ def _is_linear(document: Any) -> bool:
 
 
 def _linear_from_document(document: Any, source: str) -> LinearBase:
-    from echelon.base.saved.schema import LinearBaseRecord, checked
+    from echelon.base.saved.schema import LinearBaseRecord
     from echelon.formats import Document, read_linear
 
-    record = checked(
+    record = record_from(
         LinearBaseRecord, document, source, "a saved set of a linear model"
     )
     model = read_linear(Document(record.model, source))
     matrix = _matrix(record, model.parameters, source)
-    certificate = _certificate(record, source)
+    certificate = Certificate(**record.certificate.model_dump())
     found = LinearBase(
         model, matrix, certificate, record.seed, record.special, record.generic
     )
@@ -232,10 +234,10 @@ def _linear_from_document(document: Any, source: str) -> LinearBase:
 
 
 def _from_document(document: Any, source: str) -> BaseModel:
-    from echelon.base.saved.schema import BaseModelRecord, checked
+    from echelon.base.saved.schema import BaseModelRecord
 
     return _from_record(
-        checked(BaseModelRecord, document, source, "a saved base model"), source
+        record_from(BaseModelRecord, document, source, "a saved base model"), source
     )
 
 
@@ -246,7 +248,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
     exactly = ReadingOptions(keep_fixed_links=True, snap_tolerance=0)
     mechanism = RobotFile(data, source, is_description=True).mechanism(exactly)
     matrix = _matrix(record, mechanism.parameters, source)
-    certificate = _certificate(record, source)
+    certificate = Certificate(**record.certificate.model_dump())
     model = BaseModel(
         mechanism,
         matrix,
@@ -302,22 +304,6 @@ def _matrix(
             f"unreadable coefficient: {error}", source=source, element="base"
         ) from None
     return BaseMatrix(tuple(parameters), pivots, rows, order, numbers)
-
-
-def _certificate(
-    record: BaseModelRecord | LinearBaseRecord, source: str
-) -> Certificate:
-    """The recorded evidence."""
-    from pydantic import ValidationError
-
-    from echelon.base.saved.schema import made
-
-    try:
-        return made(Certificate, record.certificate)
-    except ValidationError:
-        raise InputError(
-            "primes are decimal numbers", source=source, element="certificate"
-        ) from None
 
 
 def _row(

@@ -16,13 +16,11 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import AliasChoices, Field
-from pydantic import BaseModel as Schema
 
-from echelon.base import checked
 from echelon.excite.problem.state_limits import NUMBERS_AT_ONCE
 from echelon.excite.problem.trajectory import (
     DEGREE,
@@ -33,13 +31,20 @@ from echelon.excite.problem.trajectory import (
 )
 from echelon.identification import decoding, open_log, read_table
 from echelon.shared import (
+    BeforeValidator,
+    Bounds,
     Floats,
     InputError,
+    PlainValidator,
+    Record,
+    UnfitError,
     extra,
     in_quotes,
+    kind_of,
     locating,
     one_line,
     parse_yaml,
+    record_from,
 )
 
 if TYPE_CHECKING:
@@ -352,23 +357,45 @@ _INT32 = np.iinfo(np.int32)  # the message's type of seconds
 _SHAPE = "a JointTrajectory with joint_names and points"
 
 
-class _Stamp(Schema):
-    sec: int = Field(
-        ge=_INT32.min, le=_INT32.max, validation_alias=AliasChoices("sec", "secs")
-    )
-    nanosec: int = Field(
-        ge=0, lt=_NANO, validation_alias=AliasChoices("nanosec", "nsec", "nsecs")
-    )
+_OTHER_NAMES = {"secs": "sec", "nsec": "nanosec", "nsecs": "nanosec"}  # of ROS 1
 
 
-class _Point(Schema):
-    positions: list[float] = []
-    velocities: list[float] = []
-    accelerations: list[float] = []
-    time_from_start: _Stamp
+def _named(value: object) -> object:
+    """A stamp with the names of ROS 2."""
+    if not isinstance(value, dict):
+        return value
+    return {_OTHER_NAMES.get(name, name): part for name, part in value.items()}
 
 
-class _Message(Schema):
+def _read(kind: type, words: str, value: Any) -> Any:
+    """The number of a YAML text."""
+    try:
+        return kind(value)
+    except (TypeError, ValueError):
+        raise UnfitError(f"needs {words}, found {kind_of(value)}") from None
+
+
+_Real = Annotated[float, PlainValidator(partial(_read, float, "a number"))]
+_Whole = Annotated[int, PlainValidator(partial(_read, int, "a whole number"))]
+
+
+class _Stamp(Record):
+    sec: Annotated[_Whole, Bounds(ge=_INT32.min, le=_INT32.max)]
+    nanosec: Annotated[_Whole, Bounds(ge=0, lt=_NANO)]
+
+
+class _Point(Record):
+    other_keys = True
+
+    positions: list[_Real] = []  # noqa: RUF012
+    velocities: list[_Real] = []  # noqa: RUF012
+    accelerations: list[_Real] = []  # noqa: RUF012
+    time_from_start: Annotated[_Stamp, BeforeValidator(_named)]
+
+
+class _Message(Record):
+    other_keys = True
+
     joint_names: list[str]
     points: list[_Point]
 
@@ -382,7 +409,7 @@ def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> Motion
         raise InputError(
             f"holds {len(documents)} messages; needs one: {_SHAPE}", source=source
         )
-    message = checked(_Message, documents[0], source, _SHAPE)
+    message = record_from(_Message, documents[0], source, _SHAPE)
     with locating(source):
         order = places(message.joint_names, coordinates, "joint_names")
         values = [_values(message.points, name, len(order)) for name in _STATES]

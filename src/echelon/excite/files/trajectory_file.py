@@ -16,10 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel as Schema
-from pydantic import ConfigDict, Discriminator, Field
 
-from echelon.base import checked
 from echelon.excite.excite import ExcitingTrajectory
 from echelon.excite.files.samples import (
     check_repeats,
@@ -43,16 +40,28 @@ from echelon.excite.problem.trajectory import (
 )
 from echelon.identification import existing_file
 from echelon.shared import (
+    Bounds,
+    Discriminator,
     Floats,
     InputError,
+    Record,
+    Tag,
+    UnfitError,
     locating,
+    nearest_of,
     one_line,
     parse_json,
     plain_data,
     public,
     published_schema,
     read_content,
+    record_from,
+    required,
+    schema_of,
     write_atomically,
+)
+from echelon.shared import (
+    kind_of as found_kind,
 )
 
 VERSION = 1  # version of the format
@@ -71,77 +80,87 @@ EXPLANATION = (
     "accelerations and jerks are the derivatives of the same formula."
 )
 
-Length = Annotated[float, Field(ge=DURATIONS[0], le=DURATIONS[1])]
+Length = Annotated[float, Bounds(ge=DURATIONS[0], le=DURATIONS[1])]
 
 
-class _TrajectoryPart(Schema):
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False
-    )
-
-
-class FourierCoefficients(_TrajectoryPart):
+class FourierCoefficients(Record):
     """One coordinate's coefficients, in its unit."""
 
     constant: float
-    sin: list[float] = Field(
-        description="Of sin(2πkt/duration), k = 1, 2, …, harmonics."
-    )
-    cos: list[float] = Field(
-        description="Of cos(2πkt/duration), k = 1, 2, …, harmonics."
-    )
+    sin: list[float] = required("Of sin(2πkt/duration), k = 1, 2, …, harmonics.")
+    cos: list[float] = required("Of cos(2πkt/duration), k = 1, 2, …, harmonics.")
 
 
-class FourierRecord(_TrajectoryPart):
+class FourierRecord(Record):
     """A finite Fourier series."""
 
     family: Literal["fourier"]
     meaning: str = FOURIER
-    duration: Length = Field(description="The period, s.")
-    harmonics: int = Field(ge=1)
-    coefficients: dict[str, FourierCoefficients] = Field(description="By coordinate.")
+    duration: Length = required("The period, s.")
+    harmonics: Annotated[int, Bounds(ge=1)]
+    coefficients: dict[str, FourierCoefficients] = required("By coordinate.")
 
 
-class SplinesRecord(_TrajectoryPart):
+class SplinesRecord(Record):
     """B-splines on knots that all coordinates share."""
 
     family: Literal["splines"]
     meaning: str = SPLINES
-    degree: int = Field(ge=5)
-    knots: list[float] = Field(
-        description="s; the first, 0, and the last, the duration, occur degree + 1 times, the others once."
+    degree: Annotated[int, Bounds(ge=5)]
+    knots: list[float] = required(
+        "s; the first, 0, and the last, the duration, occur degree + 1 times, the others once."
     )
-    control_points: dict[str, list[float]] = Field(
-        description="By coordinate, in its unit; as many as there are knots less degree + 1."
+    control_points: dict[str, list[float]] = required(
+        "By coordinate, in its unit; as many as there are knots less degree + 1."
     )
 
 
-class SumRecord(_TrajectoryPart):
+class SumRecord(Record):
     """Motions of one duration on top of one another."""
 
     family: Literal["sum"]
     meaning: str = SUM
-    parts: list[Motion] = Field(min_length=1)
+    parts: Annotated[list[Motion], Bounds(min_length=1)]
 
 
-Motion = Annotated[FourierRecord | SplinesRecord | SumRecord, Discriminator("family")]
+def _family(value: Any) -> str:
+    families = ("fourier", "splines", "sum")
+    if not isinstance(value, dict):
+        raise UnfitError(f"needs a mapping, found {found_kind(value)}")
+    family = str(value.get("family"))
+    if family not in families:
+        raise UnfitError(
+            f"'{family}' is no value of 'family'{nearest_of(family, families)}"
+        )
+    return family
 
 
-class TrajectoryRecord(_TrajectoryPart):
+Motion = Annotated[
+    Annotated[FourierRecord, Tag("fourier")]
+    | Annotated[SplinesRecord, Tag("splines")]
+    | Annotated[SumRecord, Tag("sum")],
+    Discriminator(_family),
+]
+
+
+class TrajectoryRecord(Record):
     """A trajectory; keys that are not named here say where it comes from and do not change it."""
 
-    model_config = ConfigDict(extra="allow", title="Echelon trajectory")
+    title = "Echelon trajectory"
+    other_keys = True
 
-    echelon_trajectory: Literal[1] = Field(description="Version of this format.")
+    echelon_trajectory: Literal[1] = required("Version of this format.")
     explanation: str = EXPLANATION
-    coordinates: list[str] = Field(min_length=1, description="Names, each once.")
-    units: list[Literal["rad", "m"]] = Field(description="Of each coordinate.")
+    coordinates: Annotated[list[str], Bounds(min_length=1)] = required(
+        "Names, each once."
+    )
+    units: list[Literal["rad", "m"]] = required("Of each coordinate.")
     motion: Motion
 
 
 def trajectory_schema() -> dict[str, Any]:
     """The JSON schema of the file."""
-    return published_schema("trajectory", TrajectoryRecord.model_json_schema())
+    return published_schema("trajectory", schema_of(TrajectoryRecord))
 
 
 _KEY = "echelon_trajectory"
@@ -179,7 +198,7 @@ def trajectory_from_json(data: Any, source: str) -> Trajectory:
     if not isinstance(data, dict) or _KEY not in data:
         problem = f'is not a trajectory: the document of one is an object that begins with "{_KEY}": {VERSION}'
         raise InputError(problem, source=source)
-    record = checked(TrajectoryRecord, data, source, "a trajectory of this format")
+    record = record_from(TrajectoryRecord, data, source, "a trajectory of this format")
     names = tuple(record.coordinates)
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
@@ -207,7 +226,11 @@ def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> Moti
     columns = dict(zip(names, coefficients.T, strict=True))
     if isinstance(basis, Combined):
         parts = [_written(part, own, names) for part, own in basis.split(coefficients)]
-        return parts[0] if len(parts) == 1 else SumRecord(family="sum", parts=parts)
+        return (
+            parts[0]
+            if len(parts) == 1
+            else SumRecord.model_construct(family="sum", parts=parts)
+        )
     if isinstance(basis, Fourier):
         found = {
             name: FourierCoefficients(
@@ -228,7 +251,7 @@ def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> Moti
             [float(basis.duration)] * basis.degree,
         )
         points = {name: column.tolist() for name, column in columns.items()}
-        return SplinesRecord(
+        return SplinesRecord.model_construct(
             family="splines",
             degree=basis.degree,
             knots=[k for part in knots for k in part],

@@ -46,16 +46,23 @@ from echelon.excite.problem.state_limits import (
 )
 from echelon.formats import (
     EVERY,
+    NO_LIMIT,
     ExcitationEntry,
     FrameEntry,
     LimitsEntry,
     StatedLimits,
-    UnfitError,
     stated_limits,
 )
 from echelon.identification import Finding, Setup, check_single, listed, note, warning
 from echelon.robot import Mechanism, known_values, lock_joints, lockable
-from echelon.shared import Floats, InputError, locating, nearest_of
+from echelon.shared import (
+    Floats,
+    InputError,
+    UnfitError,
+    locating,
+    nearest_of,
+    plain_data,
+)
 
 _PER = ("", "/s", "/s²", "/s³")
 _SPEEDS = {
@@ -619,9 +626,7 @@ def changed(
     entry: ExcitationEntry, changes: Mapping[str, Any], source: str
 ) -> ExcitationEntry:
     """A section with some fields replaced, checked like the section itself."""
-    stated = entry.model_dump(
-        mode="json", exclude_unset=True
-    )  # where what is unlimited is written none
+    stated = plain_data(entry.model_dump(exclude_unset=True), NO_LIMIT)
     try:
         return ExcitationEntry.model_validate(stated | dict(changes))
     except UnfitError as error:

@@ -138,8 +138,8 @@ _START = "a description is a mapping that begins with 'echelon: 1'"
 
 def check_document(document: Document) -> RobotDescription:
     """The description as a model of the published schema."""
-    from echelon.formats.schema.models import UnfitError
     from echelon.formats.schema.robot_schema import RobotDescription
+    from echelon.shared import UnfitError
 
     if not isinstance(document.data, dict):
         found = (

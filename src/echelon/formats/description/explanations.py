@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from typing import Any, get_args
 
-from echelon.formats.schema.models import UnfitError
 from echelon.formats.schema.robot_schema import RobotDescription
-from echelon.shared import dump_flow, nearest_word, step_into
+from echelon.shared import UnfitError, dump_flow, nearest_word, step_into
 
 
 def explained(data: Any, error: UnfitError) -> tuple[str, str]:
     """Path and description of what does not fit, with the line to write instead."""
     unknown = () if error.unknown is None else (error.unknown,)
     missing = () if error.missing is None else (error.missing,)
-    path = _path(data, (*error.where, *unknown))
     line = _line((*error.where, *unknown, *missing))
-    return path, error.problem + (f"; write  {line}" if line else "")
+    return path_of(data, error), error.problem + (f"; write  {line}" if line else "")
 
 
-def _path(data: Any, location: tuple[int | str, ...]) -> str:
-    """Path of an element, as far as the document has it: a shorter way of writing may stand for the rest."""
+def path_of(data: Any, error: UnfitError) -> str:
+    """Path of what does not fit, as far as the document has it: a shorter way of writing may stand for the rest."""
     path = ""
-    for part in location:
+    unknown = () if error.unknown is None else (error.unknown,)
+    for part in (*error.where, *unknown):
         if isinstance(data, dict):
             known = part in data
         else:

@@ -13,7 +13,7 @@ from pathlib import PurePath
 from typing import Any
 
 from echelon.formats.description.document import Document
-from echelon.formats.schema.models import kind_of
+from echelon.shared import kind_of
 
 _PAIRS = "closed_loop"
 _JOINT_OF_TYPE = {"6D": "weld", "3D": "spherical"}

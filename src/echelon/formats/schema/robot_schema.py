@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from echelon.formats.schema.models import BeforeValidator, Tag, model_validator
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_experiments import ContactEntry, Experiments
 from echelon.formats.schema.schema_log import (
@@ -27,7 +26,6 @@ from echelon.formats.schema.schema_setup import (
     effect_list,
 )
 from echelon.formats.schema.schema_types import (
-    AS_LIST,
     AS_ROWS,
     CouplingEntry,
     Expression,
@@ -45,11 +43,17 @@ from echelon.formats.schema.schema_types import (
     by_form,
     by_key,
     exactly_one,
-    optional,
     refusal,
-    required,
 )
-from echelon.shared import published_schema
+from echelon.shared import (
+    BeforeValidator,
+    Tag,
+    model_check,
+    optional,
+    published_schema,
+    required,
+    schema_of,
+)
 
 FORMS = ("modified_dh", "standard_dh", "bodies", "robot")
 """The ways to describe the geometry; a document uses exactly one."""
@@ -78,13 +82,13 @@ class SymbolDetails(Model):
     meaning: str = optional(
         "", "What the symbol stands for.", "length of the upper arm"
     )
-    fit: Annotated[tuple[Real, Real], AS_LIST] | None = optional(
+    fit: tuple[Real, Real] | None = optional(
         None,
         "Range in which identify looks for the value, of a constant that only effects use.",
         [0.01, 0.5],
     )
 
-    @model_validator(mode="after")
+    @model_check
     def _check_range(self) -> Self:
         if self.fit is not None and (self.value or self.approximate):
             raise refusal("a symbol has a value or is fitted, not both")
@@ -132,8 +136,6 @@ class StandardInertial(Model):
     standard: Ten = required(
         "XX XY XZ YY YZ ZZ (kg·m²) MX MY MZ (kg·m) M (kg).",
         [0.02, 0, 0, 0.02, 0, 0.01, 0, 0, 0.25, 2.5],
-        min_length=10,
-        max_length=10,
     )
 
 
@@ -154,7 +156,7 @@ class _Carrier(Model):
         "3",
     )
     massless: Flag = optional(False, "Carries no parameters.", True)
-    parameters: Annotated[tuple[Kind, ...], AS_LIST] | None = optional(
+    parameters: tuple[Kind, ...] | None = optional(
         None, "Its parameters, if it carries fewer than ten.", ["ZZ"]
     )
     separate: Flag = optional(
@@ -235,10 +237,8 @@ class BodyEntry(_Carrier):
 class RobotDescription(Model):
     """One robot."""
 
-    model_config = {  # noqa: RUF012
-        "title": "Echelon robot description",
-        "json_schema_extra": {"oneOf": [{"required": [form]} for form in FORMS]},
-    }
+    title = "Echelon robot description"
+    schema_extra = {"oneOf": [{"required": [form]} for form in FORMS]}  # noqa: RUF012
 
     echelon: Version = required("Version of this format.", 1)
     name: str = optional("robot", "Name of the robot.", "panda")
@@ -265,12 +265,12 @@ class RobotDescription(Model):
         "none",
     )
     floating_base: Flag = optional(False, "The base moves freely.", True)
-    couplings: Annotated[tuple[dict[str, CouplingEntry], ...], AS_LIST] = optional(
+    couplings: tuple[dict[str, CouplingEntry], ...] = optional(
         (),
         "Coordinates that depend linearly on others, each as an expression in coordinates and symbols.",
         [{"j3": "2*j2 - 0.5*j1"}],
     )
-    loops: Annotated[tuple[Loop, ...], AS_LIST] = optional(
+    loops: tuple[Loop, ...] = optional(
         (),
         "Joints that close loops; or pairs of frames that are welded together.",
         [
@@ -281,7 +281,7 @@ class RobotDescription(Model):
             }
         ],
     )
-    independent: Annotated[tuple[Name, ...], AS_LIST] | None = optional(
+    independent: tuple[Name, ...] | None = optional(
         None,
         "With loops, the coordinates that the others depend on, as many as there are degrees of freedom; "
         "default: a choice, driven coordinates first.",
@@ -304,9 +304,7 @@ class RobotDescription(Model):
         "of them drives has a drive of its own name.",
         {"m5": "45*j5", "m6": "32*j5 + 32*j6"},
     )
-    rotors: Annotated[tuple[RotorEntry, ...], AS_LIST] = optional(
-        (), "Spinning rotors."
-    )
+    rotors: tuple[RotorEntry, ...] = optional((), "Spinning rotors.")
     locked: dict[Name, Number] = optional(
         {},
         "Coordinates, or joints, that do not move, and where they stand, rad or m.",
@@ -315,7 +313,6 @@ class RobotDescription(Model):
     effects: (
         Annotated[
             tuple[EffectEntry, ...],
-            AS_LIST,
             BeforeValidator(
                 effect_list,
                 json_schema_input_type=tuple[EffectEntry | str, ...]
@@ -333,30 +330,30 @@ class RobotDescription(Model):
         ["viscous", "coulomb"],
         {"elbow": ["viscous", "offset"]},
     )
-    outputs: Annotated[tuple[OutputEntry, ...], AS_LIST] | None = optional(
+    outputs: tuple[OutputEntry, ...] | None = optional(
         None,
         "Measured outputs; default: the forces of all actuators.",
         [{"joint": "all"}, {"wrench": "base"}],
     )
-    contacts: Annotated[tuple[ContactEntry, ...], AS_LIST] = optional(
+    contacts: tuple[ContactEntry, ...] = optional(
         (),
         "Places where bodies touch something and unknown forces act, such as feet.",
         [{"body": "FL_foot"}, {"body": "FR_foot"}],
     )
-    experiments: Annotated[Experiments, AS_LIST] = optional(
+    experiments: Experiments = optional(
         (),
         "Set-ups in which the robot is measured, whose base parameters are those of all together.  Names alone are "
         "those of bodies that trees of such experiments hang on, as Echelon writes them.",
         [{"name": "table"}, {"name": "wall", "gravity": [9.81, 0, 0]}],
     )
-    measure: Annotated[tuple[MeasureEntry, ...], AS_LIST] = optional(
+    measure: tuple[MeasureEntry, ...] = optional(
         (),
         "Measurements for a calibration of the geometry; default: the pose of the last body.",
         [{"pose": "flange"}, {"distance": "flange", "columns": "bar"}],
     )
     log: Annotated[
         Annotated[LogEntry, Tag("mapping")]
-        | Annotated[tuple[LogEntry, ...], AS_LIST, Tag("list")],
+        | Annotated[tuple[LogEntry, ...], Tag("list")],
         by_form("mapping", "list"),
     ] = optional(
         (),
@@ -397,7 +394,7 @@ class RobotDescription(Model):
         "Standard Denavit–Hartenberg: one row per joint.",
         [{"joint": "revolute", "d": "0.1273", "alpha": "pi/2"}],
     )
-    bodies: Annotated[tuple[BodyEntry, ...], AS_LIST] | None = optional(
+    bodies: tuple[BodyEntry, ...] | None = optional(
         None,
         "Bodies and joints in general, in any order; none for a robot that is all base.",
         [{"name": "cart", "joint": {"type": "prismatic", "axis": "x"}}],
@@ -409,4 +406,4 @@ class RobotDescription(Model):
 def json_schema() -> dict[str, Any]:
     """The JSON schema of descriptions, for editors and other programs."""
     # `schemas/robot.schema.json` of the repository holds it; `echelon schema description` prints it
-    return published_schema("robot", RobotDescription.model_json_schema())
+    return published_schema("robot", schema_of(RobotDescription))

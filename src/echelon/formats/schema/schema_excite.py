@@ -9,16 +9,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Self
 
-from echelon.formats.schema.models import (
-    BeforeValidator,
-    Field,
-    PlainSerializer,
-    WithJsonSchema,
-    kind_of,
-    model_validator,
-)
 from echelon.formats.schema.schema_types import (
-    AS_LIST,
     SCALAR,
     Flag,
     Model,
@@ -27,23 +18,33 @@ from echelon.formats.schema.schema_types import (
     Whole,
     number,
     of_size,
-    optional,
     refusal,
-    required,
     sized,
 )
 from echelon.formats.snapping import NOT_FINITE
-from echelon.shared import Family, Optimality, Unreadable
+from echelon.shared import (
+    BeforeValidator,
+    Bounds,
+    Family,
+    Optimality,
+    PlainValidator,
+    Unreadable,
+    WithJsonSchema,
+    kind_of,
+    model_check,
+    optional,
+    required,
+)
 
 EVERY = "all"  # key of mappings by name that stands for every name that is not listed
 
 
-_NONE = "none"
+NO_LIMIT = "none"  # for a limit that does not exist, since JSON has no infinity
 _TEXTS = ("body", "name", "mesh")  # keys of shapes whose values are texts
 
 
 def _limit(value: object) -> float:
-    if value == _NONE:
+    if value == NO_LIMIT:
         return math.inf
     if NOT_FINITE.fullmatch(str(value).strip()):
         raise refusal(f"'{value}' is not a finite number: write none for no limit")
@@ -52,10 +53,10 @@ def _limit(value: object) -> float:
 
 def _range(value: object) -> tuple[float, float]:
     """Lowest and highest value; none, or none at one end, is unlimited."""
-    if value == _NONE:
+    if value == NO_LIMIT:
         return (-math.inf, math.inf)
     first, last = of_size(value, 2, "a range such as [-1.5, pi/2]")
-    low, high = -_limit(first) if first == _NONE else _limit(first), _limit(last)
+    low, high = -_limit(first) if first == NO_LIMIT else _limit(first), _limit(last)
     if low > high:
         raise refusal(f"the range is empty: {low:g} is larger than {high:g}")
     return (low, high)
@@ -98,12 +99,8 @@ def _by_name(value: object) -> object:
     return value if isinstance(value, dict) else {EVERY: value}
 
 
-def _written(value: float) -> float | str:
-    return value if math.isfinite(value) else _NONE
-
-
 _ENDS: dict[str, Any] = {"type": "array", "items": SCALAR, "minItems": 2, "maxItems": 2}
-_INTERVAL: dict[str, Any] = {"anyOf": [_ENDS, {"const": _NONE}]}
+_INTERVAL: dict[str, Any] = {"anyOf": [_ENDS, {"const": NO_LIMIT}]}
 _THREE = WithJsonSchema(
     {"type": "array", "items": SCALAR, "minItems": 3, "maxItems": 3}
 )
@@ -121,22 +118,18 @@ def _one_or_each(item: dict[str, Any]) -> WithJsonSchema:
     )
 
 
-Positive = Annotated[Number, Field(gt=0)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Count = Annotated[Whole, Field(ge=1)]
-# JSON has no infinity, and what is written there is read again
-_WRITTEN = PlainSerializer(_written)
-_WRITTEN_RANGE = PlainSerializer(lambda ends: [_written(end) for end in ends])
-Limit = Annotated[float, BeforeValidator(_limit), Field(gt=0), _WRITTEN]
+Positive = Annotated[Number, Bounds(gt=0)]
+NotNegative = Annotated[Number, Bounds(ge=0)]
+Count = Annotated[Whole, Bounds(ge=1)]
+Limit = Annotated[float, PlainValidator(_limit), Bounds(gt=0)]
 Range = Annotated[
     tuple[float, float],
-    BeforeValidator(_range),
+    PlainValidator(_range),
     WithJsonSchema(_INTERVAL),
-    _WRITTEN_RANGE,
 ]
-Point = Annotated[tuple[float, float, float], BeforeValidator(_corner), _THREE]
-Unit = Annotated[tuple[float, float, float], BeforeValidator(_normal), _THREE]
-Shape = Annotated[dict[str, Any], BeforeValidator(_shape)]
+Point = Annotated[tuple[float, float, float], PlainValidator(_corner), _THREE]
+Unit = Annotated[tuple[float, float, float], PlainValidator(_normal), _THREE]
+Shape = Annotated[dict[str, Any], PlainValidator(_shape)]
 Pair = Annotated[
     tuple[Name, Name],
     sized(2, "a pair of names such as [link1, link3]"),
@@ -175,7 +168,7 @@ class LimitsEntry(Model):
     effort: Limits = optional(
         {}, f"Largest torque or force, N·m or N: {_WHOSE}", {"j1": 87}
     )
-    scale: Annotated[Number, Field(gt=0, le=1)] = optional(
+    scale: Annotated[Number, Bounds(gt=0, le=1)] = optional(
         1.0,
         "Share of the robot file's limits that is used; those stated here hold as they are.",
         0.8,
@@ -194,7 +187,7 @@ class BoxEntry(Model):
     y: Range | None = optional(None, "Lowest and highest y, m.", ["-0.5", "none"])
     z: Range | None = optional(None, "Lowest and highest z, m.", [0.05, 1.2])
 
-    @model_validator(mode="after")
+    @model_check
     def _check_one(self) -> Self:
         if self.x is None and self.y is None and self.z is None:
             raise refusal("the box limits nothing: give x, y or z")
@@ -227,7 +220,7 @@ class FrameEntry(Model):
         None, "Plane above which it stays.", {"normal": [0, 0, 1], "offset": 0.05}
     )
 
-    @model_validator(mode="after")
+    @model_check
     def _check_one(self) -> Self:
         if (self.box is None) == (self.above is None):
             both = ", not both" if self.box is not None else ""
@@ -240,13 +233,13 @@ class CollisionsEntry(Model):
 
     self: Flag = optional(True, "Keep the robot's bodies apart.", False)
     clearance: NotNegative = optional(0.02, "Least distance, m.", 0.05)
-    shapes: Annotated[tuple[Shape, ...], AS_LIST] = optional(
+    shapes: tuple[Shape, ...] = optional(
         (),
         "Shapes of bodies in their frames, beside those of the robot file: sphere, capsule or cylinder "
         "(radius), box or ellipsoid (half lengths), mesh (file).",
         [{"body": "link3", "capsule": 0.06, "from": [0, 0, 0], "to": [0, 0, 0.3]}],
     )
-    obstacles: Annotated[tuple[Shape, ...], AS_LIST] = optional(
+    obstacles: tuple[Shape, ...] = optional(
         (),
         "Shapes that do not move, in the base frame; a plane's normal points to the robot's side.",
         [
@@ -254,7 +247,7 @@ class CollisionsEntry(Model):
             {"plane": [0, 0, 1]},
         ],
     )
-    exclude: Annotated[tuple[Pair, ...], AS_LIST] = optional(
+    exclude: tuple[Pair, ...] = optional(
         (), "Pairs of bodies or obstacles that may touch.", [["link1", "link3"]]
     )
     unreadable: Unreadable = optional(
@@ -300,7 +293,7 @@ class ExcitationEntry(Model):
         0.5,
         {"all": 1, "j6": 0.1},
     )
-    move: Annotated[tuple[Name, ...], AS_LIST] | None = optional(
+    move: tuple[Name, ...] | None = optional(
         None, "Coordinates that move; default: all that can.", ["j1", "j2"]
     )
     hold: dict[str, Number] = optional(
@@ -314,7 +307,7 @@ class ExcitationEntry(Model):
     limits: LimitsEntry = optional(
         LimitsEntry.model_construct(), "What the robot can do."
     )
-    effort_margin: Annotated[Number, Field(ge=0, lt=1)] = optional(
+    effort_margin: Annotated[Number, Bounds(ge=0, lt=1)] = optional(
         0.1, "Share of the effort limits kept free for errors of the prior model.", 0.2
     )
     model: Name | None = optional(
@@ -328,7 +321,7 @@ class ExcitationEntry(Model):
         "Standard deviations of torques predicted by an identified model that are kept free.",
         2,
     )
-    frames: Annotated[tuple[FrameEntry, ...], AS_LIST] = optional(
+    frames: tuple[FrameEntry, ...] = optional(
         (),
         "Where points of bodies may go.",
         [{"body": "hand", "radius": 0.1, "above": {"normal": [0, 0, 1]}}],
@@ -339,7 +332,7 @@ class ExcitationEntry(Model):
     starts: Count = optional(
         4, "Random starts of the optimisation; the best result counts.", 8
     )
-    seed: Annotated[Whole, Field(ge=0)] = optional(2015, "Of the random starts.", 1)
+    seed: Annotated[Whole, Bounds(ge=0)] = optional(2015, "Of the random starts.", 1)
     iterations: Count = optional(500, "Steps of the solver in each start, at most.", 50)
     budget: Positive = optional(
         40.0,
@@ -348,7 +341,7 @@ class ExcitationEntry(Model):
         120,
     )
 
-    @model_validator(mode="after")
+    @model_check
     def _check_roles(self) -> Self:
         moved = next((name for name in self.move or () if name in self.hold), None)
         if moved is not None:

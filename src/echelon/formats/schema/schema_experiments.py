@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from echelon.formats.schema.models import Tag
 from echelon.formats.schema.schema_types import (
-    AS_LIST,
     Expression,
     Flag,
     Frame,
@@ -14,9 +12,8 @@ from echelon.formats.schema.schema_types import (
     Name,
     Number,
     by_form,
-    optional,
-    required,
 )
+from echelon.shared import Tag, optional, required
 
 Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
 
@@ -42,7 +39,7 @@ class ContactEntry(Model):
     radius: Expression = optional(
         "0", "Of what rolls: distance of its centre from the ground, m.", "0.05"
     )
-    measured: Annotated[tuple[Component, ...], AS_LIST] = optional(
+    measured: tuple[Component, ...] = optional(
         (), "Components of the force that a plate measures.", ["fz"]
     )
 
@@ -51,7 +48,7 @@ class ExperimentEntry(Model):
     """One set-up in which the robot is measured."""
 
     name: Name = required("Name of the experiment.", "wall")
-    gravity: Annotated[tuple[Number, Number, Number], AS_LIST] | None = optional(
+    gravity: tuple[Number, Number, Number] | None = optional(
         None,
         "Gravity in the base frame, which tells how the base is mounted; only its direction counts.",
         [9.81, 0, 0],
@@ -61,7 +58,7 @@ class ExperimentEntry(Model):
         "Coordinates, or joints, that do not move, and where they stand, rad or m.",
         {"j4": 0.5},
     )
-    sensors: Annotated[tuple[Name, ...], AS_LIST] | None = optional(
+    sensors: tuple[Name, ...] | None = optional(
         None,
         "Outputs and sensors that are measured, base for the wrench under the robot; default: all outputs.",
         ["base"],
@@ -71,7 +68,7 @@ class ExperimentEntry(Model):
         "Loads with unknown inertias, by name: the body that carries each.",
         {"tool": "link7"},
     )
-    contacts: Annotated[tuple[Name, ...], AS_LIST] | None = optional(
+    contacts: tuple[Name, ...] | None = optional(
         None, "Contacts that touch; default: all.", ["FL_foot", "RR_foot"]
     )
     open_loops: Flag = optional(False, "The loops are open.", True)

@@ -3,18 +3,9 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from echelon.formats.schema.models import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    Tag,
-    WithJsonSchema,
-    model_validator,
-)
 from echelon.formats.schema.schema_types import (
-    AS_LIST,
     Expression,
     Flag,
     Model,
@@ -22,11 +13,21 @@ from echelon.formats.schema.schema_types import (
     Real,
     by_form,
     exactly_one,
-    optional,
     refusal,
+)
+from echelon.shared import (
+    AfterValidator,
+    BeforeValidator,
+    Bounds,
+    Criterion,
+    Estimator,
+    Tag,
+    ValuesToUse,
+    WithJsonSchema,
+    model_check,
+    optional,
     required,
 )
-from echelon.shared import Criterion, Estimator, ValuesToUse
 
 _Triples = tuple[tuple[float, float, float], tuple[float, float, float]]
 
@@ -61,14 +62,14 @@ def _listed(value: object) -> object:
     return None if value is None or value == "auto" else _stages(value)
 
 
-Positive = Annotated[Real, Field(gt=0)]
-Bound = Annotated[tuple[Real, Real], AS_LIST, AfterValidator(_range)]
+Positive = Annotated[Real, Bounds(gt=0)]
+Bound = Annotated[tuple[Real, Real], AfterValidator(_range)]
 MassBound = Annotated[
     Bound, AfterValidator(lambda value: _range((max(value[0], 0.0), value[1])))
 ]
-Corner = Annotated[tuple[Real, Real, Real], AS_LIST]
-Box = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_box)]
-Ellipsoid = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_ellipsoid)]
+Corner = tuple[Real, Real, Real]
+Box = Annotated[tuple[Corner, Corner], AfterValidator(_box)]
+Ellipsoid = Annotated[tuple[Corner, Corner], AfterValidator(_ellipsoid)]
 Automatic = BeforeValidator(lambda value: None if value == "auto" else value)
 _DERIVATIVES = WithJsonSchema(
     {"type": ["array", "string", "null"], "items": {"enum": ["qd", "qdd"]}}
@@ -192,7 +193,7 @@ class LogEntry(Model):
         None, "Inputs that effects use.", {"j1": "current_1"}
     )
 
-    @model_validator(mode="after")
+    @model_check
     def _check_clock(self) -> Self:
         if self.time is not None and self.rate is not None:
             raise refusal("give time or rate, not both")
@@ -235,7 +236,9 @@ class PreparationEntry(Model):
     delays: dict[str, Real] | None = optional(
         None, "Lag of outputs behind positions, s.", {"j1": 0.002}
     )
-    trim: Annotated[Real, Field(ge=0)] = optional(0.0, "Left out at both ends, s.", 0.5)
+    trim: Annotated[Real, Bounds(ge=0)] = optional(
+        0.0, "Left out at both ends, s.", 0.5
+    )
     rate: Positive | None = optional(None, "Resample to this rate, Hz.", 500)
 
 
@@ -290,7 +293,7 @@ class IdentificationEntry(Model):
     known: dict[str, Real] = optional(
         {}, "Base parameters with known values.", {"Ia1": 0.1}
     )
-    holdout: Annotated[Real, Field(ge=0, lt=1)] = optional(
+    holdout: Annotated[Real, Bounds(ge=0, lt=1)] = optional(
         0.3, "Share of each log kept for validation if no other log is given.", 0.3
     )
     physical: Flag = optional(True, "Fit a physically consistent robot as well.", False)
@@ -318,17 +321,12 @@ class IdentificationEntry(Model):
         "Covariance from batches of time, which holds where residuals are not white, or the classical one.",
         "classical",
     )
-    level: Annotated[Real, Field(gt=0, lt=1)] = optional(
+    level: Annotated[Real, Bounds(gt=0, lt=1)] = optional(
         0.95, "Of confidence intervals.", 0.95
     )
 
-    @model_validator(mode="before")
-    @classmethod
-    def _check_prediction(cls, data: Any) -> Any:
-        if (
-            isinstance(data, dict)
-            and data.get("predict") == "physical"
-            and str(data.get("physical")).lower() == "false"
-        ):
+    @model_check
+    def _check_prediction(self) -> Self:
+        if self.predict == "physical" and not self.physical:
             raise refusal("predictions cannot use a physical fit that is switched off")
-        return data
+        return self

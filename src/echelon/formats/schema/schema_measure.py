@@ -8,18 +8,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from echelon.formats.schema.models import Field, Tag
 from echelon.formats.schema.schema_log import Corner, Positive
 from echelon.formats.schema.schema_types import (
-    AS_LIST,
     Flag,
     Model,
     Name,
     Real,
     by_form,
     exactly_one,
-    optional,
 )
+from echelon.shared import Tag, optional
 
 MeasureKind = Literal["pose", "position", "distance", "plane", "sphere", "contact"]
 KINDS: tuple[MeasureKind, ...] = (
@@ -92,8 +90,7 @@ class MeasureEntry(Model):
     )
     columns: (
         Annotated[
-            Annotated[Name, Tag("text")]
-            | Annotated[tuple[Name, ...], AS_LIST, Tag("list")],
+            Annotated[Name, Tag("text")] | Annotated[tuple[Name, ...], Tag("list")],
             by_form("text", "list"),
         ]
         | None
@@ -112,9 +109,7 @@ class MeasureEntry(Model):
     deviation: (
         Annotated[
             Annotated[Positive, Tag("number")]
-            | Annotated[
-                Annotated[tuple[Positive, Positive], Field()], AS_LIST, Tag("list")
-            ],
+            | Annotated[tuple[Positive, Positive], Tag("list")],
             by_form("number", "list"),
         ]
         | None

@@ -13,19 +13,16 @@ from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
 from echelon.algebra import Polynomial
-from echelon.formats.schema.models import Discriminator, Tag, model_validator
 from echelon.formats.schema.schema_types import (
-    AS_LIST,
     Expression,
     Frame,
     Model,
     Name,
     exactly_one,
-    optional,
     refusal,
-    required,
 )
 from echelon.robot import Cut, Force, Output, Side
+from echelon.shared import Discriminator, Tag, model_check, optional, required
 
 Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
 COMPONENTS: tuple[Component, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -118,7 +115,7 @@ class WrenchOutput(Sensor):
         Frame.model_construct(), "The sensor's frame.", {"xyz": [0, 0, "0.05"]}
     )
     fixed_to: Fixed = optional("body", "What the sensor's frame is fixed to.", "parent")
-    components: Annotated[tuple[Component, ...], AS_LIST] = optional(
+    components: tuple[Component, ...] = optional(
         COMPONENTS, "Forces and torques along the axes of the frame.", ["tz"]
     )
 
@@ -158,7 +155,7 @@ class WeightedTerm(Model):
 
     _one_place = exactly_one("joint", "actuator", "wrench")
 
-    @model_validator(mode="after")
+    @model_check
     def _check_component(self) -> Self:
         if (self.wrench is None) != (self.component is None):
             raise refusal("a wrench goes with a component, such as component: fz")
@@ -170,7 +167,7 @@ class SumOutput(Sensor):
 
     name: Name = required("Name of the output.", "differential")
     unit: str = optional("N·m", "Its SI unit.", "N·m")
-    sum: Annotated[tuple[WeightedTerm, ...], AS_LIST] = required(
+    sum: tuple[WeightedTerm, ...] = required(
         "What is added up.", [{"joint": "j5"}, {"joint": "j6", "weight": "-1"}]
     )
     reads: Name = optional(

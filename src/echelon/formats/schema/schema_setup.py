@@ -6,20 +6,17 @@ from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from echelon.algebra import parse
-from echelon.formats.schema.models import Discriminator, Tag, model_validator
 from echelon.formats.schema.schema_types import (
-    AS_LIST,
     Direction,
     Expression,
     Flag,
     Frame,
     Model,
     Name,
-    optional,
     refusal,
-    required,
 )
 from echelon.robot import CONSTANTS, KINDS, POSITIVE_CONSTANTS
+from echelon.shared import Discriminator, Tag, model_check, optional, required
 
 Side = Literal["joint", "actuator"]
 
@@ -39,7 +36,7 @@ class FileJoint(Model):
         None, "Its second axis, perpendicular to the first.", "y"
     )
 
-    @model_validator(mode="after")
+    @model_check
     def _check_axes(self) -> Self:
         axes = [axis for axis in (self.axis, self.axis2) if axis is not None]
         if self.type != "universal" and axes:
@@ -62,12 +59,12 @@ class RobotFileEntry(Model):
         "Joints whose type is not the one that the file states: URDF has no spherical joints.",
         {"ankle_rod": {"type": "spherical"}},
     )
-    driven: Annotated[tuple[Name, ...], AS_LIST] = optional(
+    driven: tuple[Name, ...] = optional(
         (),
         "With loops, coordinates or joints that motors move: where the choice is free, they are independent.",
         ["hip", "knee"],
     )
-    ignore: Annotated[tuple[str, ...], AS_LIST] = optional(
+    ignore: tuple[str, ...] = optional(
         (),
         "Elements and attributes of the file, such as gazebo/joint or origin@quat, to ignore, although they may "
         "change how the robot moves.",
@@ -96,7 +93,7 @@ class ReadyEffect(Model):
     """A ready-made effect at one or several coordinates, each with parameters of its own."""
 
     type: Ready = required("Which effect.", "viscous")
-    at: Annotated[tuple[Name, ...], AS_LIST] | Name = required(
+    at: tuple[Name, ...] | Name = required(
         "Coordinates or actuators, or all.", "all", ["j1", "j2"]
     )
     side: Side | None = optional(
@@ -150,7 +147,7 @@ class ReadyEffect(Model):
             for name, default in needed.items()
         }
 
-    @model_validator(mode="after")
+    @model_check
     def _check_constants(self) -> Self:
         needed = CONSTANTS.get(self.type, {})
         for name in dict.fromkeys(chain.from_iterable(CONSTANTS.values())):
@@ -200,7 +197,7 @@ class OwnEffect(Model):
     parameter: Name = required("Name of the parameter.", "Fvm6")
     unit: str = optional("", "Its SI unit.", "N·m·s/rad")
     value: Expression | None = optional(None, "Its value, if known.", "0.2")
-    acts: Annotated[tuple[ActionEntry, ...], AS_LIST] = required(
+    acts: tuple[ActionEntry, ...] = required(
         "Where it acts.", [{"at": "m5", "term": "qd[m6]"}]
     )
     bristles: BristlesEntry | None = optional(

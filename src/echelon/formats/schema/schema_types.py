@@ -17,20 +17,23 @@ from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from echelon.algebra import PER_PI, PI, is_whole, parse, pi_generators
-from echelon.formats.schema.models import (
-    BaseModel,
+from echelon.formats.snapping import NOT_FINITE
+from echelon.robot import ClosureKind
+from echelon.shared import (
     BeforeValidator,
+    Bounds,
     Discriminator,
-    Field,
+    PlainValidator,
+    Record,
     Tag,
     UnfitError,
     WithJsonSchema,
     kind_of,
-    model_validator,
+    model_check,
+    nearest_of,
+    optional,
+    required,
 )
-from echelon.formats.snapping import NOT_FINITE
-from echelon.robot import ClosureKind
-from echelon.shared import nearest, nearest_of
 
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
 _FLAGS = {"true": True, "false": False}
@@ -78,16 +81,10 @@ def _version(value: object) -> object:
     return 1
 
 
-def _items(value: object) -> tuple[object, ...]:
-    if not isinstance(value, list | tuple):
-        raise refusal(f"needs a list, found {kind_of(value)}")
-    return tuple(value)
-
-
-def _rows(value: object) -> tuple[object, ...]:
+def _rows(value: object) -> object:
     if value == [] or value == ():
         raise refusal("the table is empty; it needs at least one row")
-    return _items(value)
+    return value
 
 
 def of_size(value: object, size: int, what: str) -> tuple[object, ...]:
@@ -106,16 +103,16 @@ def sized(size: int, what: str) -> BeforeValidator:
 
 Expression = Annotated[
     str,
-    BeforeValidator(partial(_scalar, "an expression such as 0.333, pi/2 or -l1/2")),
+    PlainValidator(partial(_scalar, "an expression such as 0.333, pi/2 or -l1/2")),
     WithJsonSchema({"type": ["number", "string"]}),
 ]
 """The text of an exact expression."""
 
 Name = Annotated[
-    str, BeforeValidator(_name), WithJsonSchema({"type": ["string", "integer"]})
+    str, PlainValidator(_name), WithJsonSchema({"type": ["string", "integer"]})
 ]
-Flag = Annotated[bool, BeforeValidator(_flag)]
-Version = Annotated[Literal[1], BeforeValidator(_version)]
+Flag = Annotated[bool, PlainValidator(_flag)]
+Version = Annotated[Literal[1], PlainValidator(_version)]
 Triple = Annotated[
     tuple[Expression, Expression, Expression],
     sized(3, "a list of three expressions such as [0, 0, 0.333]"),
@@ -126,11 +123,12 @@ Matrix = Annotated[
 ]
 Ten = Annotated[
     tuple[Expression, ...],
+    Bounds(min_length=10, max_length=10),
     sized(10, "a list of ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M"),
 ]
 Part = Annotated[
     str | None,
-    BeforeValidator(lambda value: None if value is None else _name(value)),
+    PlainValidator(lambda value: None if value is None else _name(value)),
     WithJsonSchema({"type": ["string", "integer", "null"]}),
 ]
 PairOfParts = Annotated[
@@ -138,7 +136,6 @@ PairOfParts = Annotated[
     sized(2, "a list of two names of bodies such as [coupler, rocker]"),
 ]
 
-AS_LIST = BeforeValidator(_items)
 AS_ROWS = BeforeValidator(_rows)
 
 
@@ -177,12 +174,12 @@ def _whole(value: object) -> int:
 
 
 SCALAR: dict[str, Any] = {"type": ["number", "string"]}
-Number = Annotated[float, BeforeValidator(number), WithJsonSchema(SCALAR)]
+Number = Annotated[float, PlainValidator(number), WithJsonSchema(SCALAR)]
 Real = Annotated[
-    float, BeforeValidator(_real), WithJsonSchema(SCALAR)
+    float, PlainValidator(_real), WithJsonSchema(SCALAR)
 ]  # a number or ``inf``
 Whole = Annotated[
-    int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})
+    int, PlainValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})
 ]
 
 
@@ -208,17 +205,7 @@ def by_key(key: str, usual: str) -> Discriminator:
     )
 
 
-# -- keys -----------------------------------------------------------------------------------------------------------
-
-
-def required(meaning: str, *examples: Any, **rules: Any) -> Any:
-    """A key that a mapping must have: what it means, with its unit, and examples; rules are those of pydantic."""
-    return Field(description=meaning, examples=list(examples) or None, **rules)
-
-
-def optional(default: Any, meaning: str, *examples: Any) -> Any:
-    """A key that a mapping may have: the value without it, what it means, with its unit, and examples."""
-    return Field(default, description=meaning, examples=list(examples) or None)
+# -- mappings -------------------------------------------------------------------------------------------------------
 
 
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -228,51 +215,19 @@ Axis = Annotated[
 ]
 
 
-class Model(BaseModel):
-    """Common behaviour of all mappings: unknown keys are refused."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _check_keys(cls, data: Any) -> Any:
-        """Refuse what is not a mapping, and the first key that is not valid, with a hint at what was meant."""
-        # what rows and bodies share is listed last, behind what distinguishes them
-        valid = sorted(cls.model_fields, key=lambda key: key in _SHARED)
-        if not isinstance(data, dict):
-            raise refusal(
-                f"needs a mapping with the keys {', '.join(valid)}; found {kind_of(data)}"
-            )
-        for key in data:
-            if key not in valid:
-                renamed = _RENAMED.get(str(key), ("", ""))
-                hint = (
-                    f"; {renamed[1]}"
-                    if renamed[0] in valid
-                    else nearest(str(key), valid)
-                )
-                problem = f"unknown key{hint} (valid: {', '.join(valid)})"
-                raise UnfitError(problem, unknown=str(key))
-        return data
+class Model(Record):
+    """Common behaviour of all mappings."""
 
     @classmethod
-    def model_json_schema(cls) -> dict[str, Any]:
-        """The JSON schema."""
-        from echelon.formats.schema.json_schema import schema_of
-
-        return schema_of(cls)
+    def valid_keys(cls) -> list[str]:
+        """Keys; what rows and bodies share stands behind what distinguishes them."""
+        return sorted(cls.model_fields, key=lambda key: key in _SHARED)
 
     @classmethod
-    def __get_pydantic_core_schema__(cls, _source: Any, _handler: Any) -> Any:
-        """What pydantic does with a model that a saved file holds."""
-        from pydantic_core import core_schema
-
-        dump = core_schema.plain_serializer_function_ser_schema(cls.model_dump)
-        return core_schema.no_info_plain_validator_function(
-            cls.model_validate, serialization=dump
-        )
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, _schema: Any, _handler: Any) -> Any:
-        return cls.model_json_schema()
+    def hint_at(cls, key: str) -> str:
+        """A hint at what was meant by an unknown key, which may be one of another convention."""
+        instead, hint = _RENAMED.get(key, ("", ""))
+        return f"; {hint}" if instead in cls.model_fields else super().hint_at(key)
 
 
 def exactly_one(*keys: str) -> Any:
@@ -286,7 +241,7 @@ def exactly_one(*keys: str) -> Any:
             )
         return model
 
-    return model_validator(mode="after")(check)
+    return model_check(check)
 
 
 class Frame(Model):
@@ -304,7 +259,7 @@ class Frame(Model):
         [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
     )
 
-    @model_validator(mode="after")
+    @model_check
     def _check_rotation(self) -> Self:
         if self.rpy is not None and self.rotation is not None:
             raise refusal("give rpy or rotation, not both")
@@ -365,7 +320,7 @@ class UniversalJoint(_Joint):
     axis: Direction = required("First axis.", "x")
     axis2: Direction = required("Second axis, perpendicular to the first.", "y")
 
-    @model_validator(mode="after")
+    @model_check
     def _check_axes(self) -> Self:
         if self.axis[-1] == self.axis2[-1]:
             raise refusal(
@@ -394,7 +349,7 @@ class CustomJoint(Model):
         "Name of the joint; default: the body's name. Motions have their own.",
         "wrist",
     )
-    steps: Annotated[tuple[Step, ...], AS_LIST] = required(
+    steps: tuple[Step, ...] = required(
         "From the parent's frame to the body's.",
         [{"motion": "rotation", "name": "wrist.1", "axis": "x"}, {"xyz": ["e", 0, 0]}],
     )
@@ -465,7 +420,7 @@ class LoopEntry(Model):
         "y",
     )
 
-    @model_validator(mode="after")
+    @model_check
     def _check_axis(self) -> Self:
         if self.axis is not None and self.joint in _WITHOUT_AXIS:
             raise refusal(f"a {self.joint} joint has no axis")
@@ -483,16 +438,16 @@ Loop = Annotated[
 """A joint, or the names of two frames that are held together in all six directions."""
 
 
-Pair = Annotated[tuple[Expression, Expression], AS_LIST]
+Pair = tuple[Expression, Expression]
 
 
 class SplineFunction(Model):
     """A function of one coordinate that is zero at zero: a polynomial, with cubic terms beyond knots."""
 
-    coefficients: Annotated[tuple[Expression, ...], AS_LIST] = required(
+    coefficients: tuple[Expression, ...] = required(
         "Of the coordinate, its square, its cube and so on.", ["1/2", "0", "0.1"]
     )
-    knots: Annotated[tuple[Pair, ...], AS_LIST] = optional(
+    knots: tuple[Pair, ...] = optional(
         (),
         "Pairs x, c: c times the cube of the distance from x is added beyond x, seen from zero.",
         [["0.5", "0.2"]],
@@ -519,7 +474,7 @@ class SplineThrough(Model):
     """A natural cubic spline of one coordinate, straight beyond its first and last point."""
 
     of: Name = required("The independent coordinate.", "knee")
-    points: Annotated[tuple[Pair, ...], AS_LIST] = required(
+    points: tuple[Pair, ...] = required(
         "Pairs: the independent coordinate, and the dependent one there; rad or m.",
         [["-2", "0.01"], ["-1", "0.004"], ["0", "0"]],
     )

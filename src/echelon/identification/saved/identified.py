@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.base import BaseModel, checked, from_json, record_of, to_dict
+from echelon.base import BaseModel, from_json, to_dict
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.logs.columns.column_map import ColumnMap
 from echelon.identification.logs.preparation.prepare import Preparation
@@ -39,6 +39,8 @@ from echelon.shared import (
     plain_data,
     public,
     read_content,
+    record_data,
+    record_from,
     write_atomically,
 )
 
@@ -112,7 +114,7 @@ def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
     """
     source = str(path)
     document = parse_json(read_content(path), source)
-    record = checked(IdentifiedRecord, document, source, "an identified model")
+    record = record_from(IdentifiedRecord, document, source, "an identified model")
     base = from_json(json.dumps(document["base"]), source)
     if list(record.values) != list(base.pivots):
         raise InputError(
@@ -135,15 +137,15 @@ def identification_to_json(identification: Identification) -> str:
 def identification_document(result: Identification) -> dict[str, Any]:
     """All of an identification as JSON-able data of schema ``echelon.identified/1``; null where JSON has no number."""
     settings = dict(result.settings)
-    document = record_of(
+    document = record_data(
         IdentifiedRecord,
         result,
-        format="echelon.identified/1",
+        schema="echelon.identified/1",
         echelon=__version__,
         versions=_versions(),
         findings=[asdict(finding) for finding in result.findings],
         hypotheses=[
-            record_of(HypothesisRecord, some, error=100 * some.gain.error)
+            record_data(HypothesisRecord, some, error=100 * some.gain.error)
             for some in result.hypotheses
         ],
         values=dict(zip(result.base.pivots, result.values, strict=True)),
@@ -153,7 +155,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
         else _estimate(result.essential, result),
         physical=None
         if (fit := result.physical) is None
-        else record_of(
+        else record_data(
             PhysicalRecord,
             fit,
             standard=dict(zip(fit.parameters, fit.standard, strict=True)),
@@ -190,10 +192,10 @@ def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:
     )
     expressions = result.base.expressions
     parameters = [
-        record_of(ParameterRecord, expression, expression=str(expression), **row)
+        record_data(ParameterRecord, expression, expression=str(expression), **row)
         for expression, row in zip(expressions, rows, strict=True)
     ]
-    return record_of(
+    return record_data(
         EstimateRecord,
         estimate,
         level=result.level,
@@ -205,7 +207,7 @@ def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:
 
 def score_record(score: Score) -> dict[str, Any]:
     """A score as JSON-able data; null where JSON has no number."""
-    found: dict[str, Any] = plain_data(record_of(ScoreRecord, score))
+    found: dict[str, Any] = plain_data(record_data(ScoreRecord, score))
     return found
 
 

@@ -22,7 +22,7 @@ from typing import Annotated
 
 import numpy as np
 
-from echelon.formats import PreparationEntry, WithJsonSchema, optional
+from echelon.formats import PreparationEntry
 from echelon.identification.logs.columns.column_map import (
     quaternion_columns,
     signal_names,
@@ -56,7 +56,7 @@ from echelon.robot import (
     known_values,
     symbol_values,
 )
-from echelon.shared import Flags, Floats, InputError, extra
+from echelon.shared import Flags, Floats, InputError, WithJsonSchema, extra, optional
 
 
 class Preparation(PreparationEntry):

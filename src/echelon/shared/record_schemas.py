@@ -1,18 +1,22 @@
-"""JSON schemas of data models, for editors and other programs."""
+"""JSON schemas of records, for editors and other programs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from enum import Enum
 from inspect import getdoc
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from echelon.formats.schema.models import (
-    BaseModel,
+from echelon.shared.inputs import plain_data, published_schema
+from echelon.shared.records import (
     BeforeValidator,
+    Bounds,
     Discriminator,
     Field,
+    Record,
     WithJsonSchema,
-    without_none,
+    record_of_type,
 )
 
 _PLAIN: dict[Any, str] = {
@@ -21,6 +25,7 @@ _PLAIN: dict[Any, str] = {
     float: "number",
     bool: "boolean",
     NoneType: "null",
+    None: "null",
 }
 _RULES = {
     "gt": "exclusiveMinimum",
@@ -32,38 +37,45 @@ _RULES = {
 }
 
 
-def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """The schema of a model; those of models inside it stand under ``$defs``."""
+def schema_of(kind: type) -> dict[str, Any]:
+    """The schema of a record or a dataclass; those of others inside it stand under ``$defs``."""
     defined: dict[str, Any] = {}
-    schema = _mapping(model, defined)
+    schema = _mapping(record_of_type(kind), defined)
     if defined:
         schema["$defs"] = defined
     found: dict[str, Any] = _sorted(schema)
     return found
 
 
-def _mapping(model: type[BaseModel], defined: dict[str, Any]) -> dict[str, Any]:
-    config, fields = model.model_config, model.model_fields
+def file_schema(kind: type[Record]) -> dict[str, Any]:
+    """The published schema of a file that names its schema."""
+    schema = schema_of(kind)
+    name, _, _ = schema["properties"]["schema"]["const"].partition("/")
+    return published_schema(name.removeprefix("echelon."), schema)
+
+
+def _mapping(record: type[Record], defined: dict[str, Any]) -> dict[str, Any]:
+    fields = record.model_fields
     schema = {
-        "title": config.get("title", model.__name__),
+        "title": record.title or record.__name__,
         "type": "object",
-        "additionalProperties": False,
+        "additionalProperties": record.other_keys,
         "properties": {
             name: _property(name, field, defined) for name, field in fields.items()
         },
-        **config.get("json_schema_extra", {}),
+        **record.schema_extra,
     }
     needed = [name for name, field in fields.items() if field.is_required]
     if needed:
         schema["required"] = needed
-    if model.__doc__:
-        schema["description"] = getdoc(model)
+    if record.__doc__:
+        schema["description"] = getdoc(record)
     return schema
 
 
 def _property(name: str, field: Field, defined: dict[str, Any]) -> dict[str, Any]:
-    schema = _ruled(_typed(field.annotation, defined), field)
-    if not _is_model(field.annotation):
+    schema = _typed(field.annotation, defined)
+    if not _refers(schema):
         schema["title"] = name.replace("_", " ").title()
     if field.description:
         schema["description"] = field.description
@@ -74,15 +86,10 @@ def _property(name: str, field: Field, defined: dict[str, Any]) -> dict[str, Any
     return schema
 
 
-def _is_model(kind: Any) -> bool:
-    kind = without_none(kind)
-    if get_origin(kind) is Annotated:
-        return _is_model(get_args(kind)[0])
-    return isinstance(kind, type) and issubclass(kind, BaseModel)
-
-
-def _ruled(schema: dict[str, Any], field: Field) -> dict[str, Any]:
-    return {**schema, **{_RULES[name]: bound for name, bound in field.rules.items()}}
+def _refers(schema: Mapping[str, Any]) -> bool:
+    """Whether it is the schema of a record, which has a title, or of one that may be null."""
+    parts = [part for part in schema.get("anyOf", [schema]) if part != {"type": "null"}]
+    return len(parts) == 1 and "$ref" in parts[0]
 
 
 def _typed(kind: Any, defined: dict[str, Any]) -> dict[str, Any]:
@@ -95,6 +102,8 @@ def _typed(kind: Any, defined: dict[str, Any]) -> dict[str, Any]:
     if origin is Literal:
         chosen = {"const": parts[0]} if len(parts) == 1 else {"enum": list(parts)}
         return {**chosen, "type": _PLAIN[type(parts[0])]}
+    if origin is list:
+        return {"type": "array", "items": _typed(parts[0], defined)}
     if origin is tuple:
         entries = [_typed(part, defined) for part in parts if part is not Ellipsis]
         if Ellipsis in parts:
@@ -102,17 +111,21 @@ def _typed(kind: Any, defined: dict[str, Any]) -> dict[str, Any]:
         count = len(entries)
         sized = {"minItems": count, "maxItems": count}
         return {"type": "array", "prefixItems": entries, **sized}
-    if origin is dict:
+    if isinstance(origin, type) and issubclass(origin, Mapping):
         return {
             "type": "object",
             "additionalProperties": _typed(parts[1], defined) or True,
         }
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        if kind.__name__ not in defined:
-            defined[kind.__name__] = {}
-            defined[kind.__name__] = _mapping(kind, defined)
-        return {"$ref": f"#/$defs/{kind.__name__}"}
-    return {} if kind is Any else {"type": _PLAIN[kind]}
+    if kind is Any:
+        return {}
+    if kind in _PLAIN:
+        return {"type": _PLAIN[kind]}
+    if issubclass(kind, Enum):
+        return {"enum": [one.value for one in kind], "type": "string"}
+    if kind.__name__ not in defined:
+        defined[kind.__name__] = {}
+        defined[kind.__name__] = _mapping(record_of_type(kind), defined)
+    return {"$ref": f"#/$defs/{kind.__name__}"}
 
 
 def _annotated(kind: Any, marks: Any, defined: dict[str, Any]) -> dict[str, Any]:
@@ -128,8 +141,8 @@ def _annotated(kind: Any, marks: Any, defined: dict[str, Any]) -> dict[str, Any]
     if any(isinstance(mark, Discriminator) for mark in marks):
         return {"oneOf": schema["anyOf"]}
     for mark in marks:
-        if isinstance(mark, Field):
-            schema = _ruled(schema, mark)
+        if isinstance(mark, Bounds):
+            schema |= {_RULES[name]: bound for name, bound in mark.rules.items()}
     return schema
 
 
@@ -144,9 +157,7 @@ def _flat(schemas: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def _data(value: Any) -> Any:
     """A default as JSON holds it."""
-    if isinstance(value, BaseModel):
-        return value.model_dump(mode="json")
-    return [_data(part) for part in value] if isinstance(value, tuple) else value
+    return plain_data(value.model_dump() if isinstance(value, Record) else value)
 
 
 def _sorted(value: Any, within: str = "") -> Any:
