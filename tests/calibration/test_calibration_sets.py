@@ -153,7 +153,7 @@ def touched_rows(kind: str, arm: Mechanism, rng: np.random.Generator) -> np.ndar
 
     at = q[:1]
     for _ in range(60):  # a walk, since other modes may show more
-        near = at[-1:] + rng.uniform(-0.3, 0.3, (1, q.shape[1]))
+        near = at[-1:] + rng.uniform(-0.1, 0.1, (1, q.shape[1]))
         at = np.vstack([at, moved_onto(off, near, lambda: np.zeros(1))])
     x, d = slopes(arm, at, outer, np.eye(4))
     moves = (d @ point)[:, :, :3]

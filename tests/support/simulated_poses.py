@@ -80,4 +80,4 @@ def moved_onto(
             moved = [off(at + by) - wanted for by in step * np.eye(len(at))]
             slopes = (np.array(moved) - gap).T / step
             at = at - np.clip(np.linalg.pinv(slopes) @ gap, -0.5, 0.5)
-    return np.array(found)
+    return np.array(found).reshape(-1, q.shape[1])
