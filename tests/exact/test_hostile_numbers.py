@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from echelon.identification.saved.identified import load_identified
 from echelon.identification.scores import Score, fit
 from echelon.identification.signals.clock import stretches
 from echelon.shared.errors import CertificateError, InputError
+from echelon.shared.inputs import plain_data
 from support.paths import ROOT
 from support.selection import slow_unless
 from support.trajectory_motions import NAMES, UNITS, smooth
@@ -160,7 +160,7 @@ def test_values_of_other_parameters_are_refused(folder: Path, tmp_path: Path) ->
 def test_records_keep_what_they_say(folder: Path) -> None:
     document = json.loads((folder / "model.json").read_text())
     loaded = load_identified(folder / "model.json")
-    assert [asdict(columns) for columns in loaded.columns] == document["columns"]
+    assert plain_data(loaded.columns) == document["columns"]
     prepared = Preparation.model_validate(
         document["preparation"] | {"band": "inf", "measured": ["qd"]}
     )

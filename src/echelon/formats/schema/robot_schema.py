@@ -7,7 +7,7 @@ checked by :mod:`echelon.formats.robot_file`.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_experiments import ContactEntry, Experiments
@@ -43,11 +43,11 @@ from echelon.formats.schema.schema_types import (
     by_form,
     by_key,
     exactly_one,
-    refusal,
 )
 from echelon.shared import (
     BeforeValidator,
     Tag,
+    UnfitError,
     model_check,
     optional,
     published_schema,
@@ -89,12 +89,11 @@ class SymbolDetails(Model):
     )
 
     @model_check
-    def _check_range(self) -> Self:
+    def _check_range(self) -> None:
         if self.fit is not None and (self.value or self.approximate):
-            raise refusal("a symbol has a value or is fitted, not both")
+            raise UnfitError("a symbol has a value or is fitted, not both")
         if self.fit is not None and not self.fit[0] < self.fit[1]:
-            raise refusal("a range goes from a number to a larger one")
-        return self
+            raise UnfitError("a range goes from a number to a larger one")
 
 
 SymbolEntry = Annotated[

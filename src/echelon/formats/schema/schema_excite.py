@@ -7,7 +7,7 @@ infinite here.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from echelon.formats.schema.schema_types import (
     SCALAR,
@@ -18,7 +18,6 @@ from echelon.formats.schema.schema_types import (
     Whole,
     number,
     of_size,
-    refusal,
     sized,
 )
 from echelon.formats.snapping import NOT_FINITE
@@ -28,6 +27,7 @@ from echelon.shared import (
     Family,
     Optimality,
     PlainValidator,
+    UnfitError,
     Unreadable,
     WithJsonSchema,
     kind_of,
@@ -47,7 +47,7 @@ def _limit(value: object) -> float:
     if value == NO_LIMIT:
         return math.inf
     if NOT_FINITE.fullmatch(str(value).strip()):
-        raise refusal(f"'{value}' is not a finite number: write none for no limit")
+        raise UnfitError(f"'{value}' is not a finite number: write none for no limit")
     return number(value)
 
 
@@ -58,7 +58,7 @@ def _range(value: object) -> tuple[float, float]:
     first, last = of_size(value, 2, "a range such as [-1.5, pi/2]")
     low, high = -_limit(first) if first == NO_LIMIT else _limit(first), _limit(last)
     if low > high:
-        raise refusal(f"the range is empty: {low:g} is larger than {high:g}")
+        raise UnfitError(f"the range is empty: {low:g} is larger than {high:g}")
     return (low, high)
 
 
@@ -72,14 +72,14 @@ def _normal(value: object) -> tuple[float, ...]:
     direction = _corner(value)
     length = math.hypot(*direction)
     if not length:
-        raise refusal("the normal is zero; it needs a direction such as [0, 0, 1]")
+        raise UnfitError("the normal is zero; it needs a direction such as [0, 0, 1]")
     return tuple(part / length for part in direction)
 
 
 def _shape(value: object) -> object:
     """A shape whose numbers are numbers; what shapes there are is not known here."""
     if not isinstance(value, dict):
-        raise refusal(
+        raise UnfitError(
             f"needs a mapping such as {{body: link3, sphere: 0.06}}, found {kind_of(value)}"
         )
     return {
@@ -188,10 +188,9 @@ class BoxEntry(Model):
     z: Range | None = optional(None, "Lowest and highest z, m.", [0.05, 1.2])
 
     @model_check
-    def _check_one(self) -> Self:
+    def _check_one(self) -> None:
         if self.x is None and self.y is None and self.z is None:
-            raise refusal("the box limits nothing: give x, y or z")
-        return self
+            raise UnfitError("the box limits nothing: give x, y or z")
 
 
 class HalfSpaceEntry(Model):
@@ -221,11 +220,10 @@ class FrameEntry(Model):
     )
 
     @model_check
-    def _check_one(self) -> Self:
+    def _check_one(self) -> None:
         if (self.box is None) == (self.above is None):
             both = ", not both" if self.box is not None else ""
-            raise refusal(f"give box or above{both}")
-        return self
+            raise UnfitError(f"give box or above{both}")
 
 
 class CollisionsEntry(Model):
@@ -342,13 +340,12 @@ class ExcitationEntry(Model):
     )
 
     @model_check
-    def _check_roles(self) -> Self:
+    def _check_roles(self) -> None:
         moved = next((name for name in self.move or () if name in self.hold), None)
         if moved is not None:
-            raise refusal(
+            raise UnfitError(
                 f"'{moved}' moves and is held: name it under move or under hold"
             )
         held = next((name for name in self.centre if name in self.hold), None)
         if held is not None:
-            raise refusal(f"'{held}' is held, so its motion has no centre")
-        return self
+            raise UnfitError(f"'{held}' is held, so its motion has no centre")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from echelon.formats.schema.schema_types import (
     Expression,
@@ -13,7 +13,6 @@ from echelon.formats.schema.schema_types import (
     Real,
     by_form,
     exactly_one,
-    refusal,
 )
 from echelon.shared import (
     AfterValidator,
@@ -22,6 +21,7 @@ from echelon.shared import (
     Criterion,
     Estimator,
     Tag,
+    UnfitError,
     ValuesToUse,
     WithJsonSchema,
     model_check,
@@ -35,13 +35,13 @@ _Triples = tuple[tuple[float, float, float], tuple[float, float, float]]
 def _range(value: tuple[float, float]) -> tuple[float, float]:
     low, high = value
     if low > high or low == inf or high == -inf:
-        raise refusal(f"nothing is between {low:g} and {high:g}")
+        raise UnfitError(f"nothing is between {low:g} and {high:g}")
     return value
 
 
 def _box(value: _Triples) -> _Triples:
     if not all(-inf < low <= high < inf for low, high in zip(*value, strict=True)):
-        raise refusal("the first corner of the box must not exceed the second")
+        raise UnfitError("the first corner of the box must not exceed the second")
     return value
 
 
@@ -50,7 +50,7 @@ def _ellipsoid(value: _Triples) -> _Triples:
         abs(centre) < inf and 0 < axis < inf
         for centre, axis in zip(*value, strict=True)
     ):
-        raise refusal("the semi-axes of the ellipsoid must be positive")
+        raise UnfitError("the semi-axes of the ellipsoid must be positive")
     return value
 
 
@@ -194,10 +194,9 @@ class LogEntry(Model):
     )
 
     @model_check
-    def _check_clock(self) -> Self:
+    def _check_clock(self) -> None:
         if self.time is not None and self.rate is not None:
-            raise refusal("give time or rate, not both")
-        return self
+            raise UnfitError("give time or rate, not both")
 
 
 # -- preparation ----------------------------------------------------------------------------------------------------
@@ -326,7 +325,8 @@ class IdentificationEntry(Model):
     )
 
     @model_check
-    def _check_prediction(self) -> Self:
+    def _check_prediction(self) -> None:
         if self.predict == "physical" and not self.physical:
-            raise refusal("predictions cannot use a physical fit that is switched off")
-        return self
+            raise UnfitError(
+                "predictions cannot use a physical fit that is switched off"
+            )

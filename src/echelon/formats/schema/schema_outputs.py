@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from echelon.algebra import Polynomial
 from echelon.formats.schema.schema_types import (
@@ -19,10 +19,16 @@ from echelon.formats.schema.schema_types import (
     Model,
     Name,
     exactly_one,
-    refusal,
 )
 from echelon.robot import Cut, Force, Output, Side
-from echelon.shared import Discriminator, Tag, model_check, optional, required
+from echelon.shared import (
+    Discriminator,
+    Tag,
+    UnfitError,
+    model_check,
+    optional,
+    required,
+)
 
 Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
 COMPONENTS: tuple[Component, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -156,10 +162,9 @@ class WeightedTerm(Model):
     _one_place = exactly_one("joint", "actuator", "wrench")
 
     @model_check
-    def _check_component(self) -> Self:
+    def _check_component(self) -> None:
         if (self.wrench is None) != (self.component is None):
-            raise refusal("a wrench goes with a component, such as component: fz")
-        return self
+            raise UnfitError("a wrench goes with a component, such as component: fz")
 
 
 class SumOutput(Sensor):
@@ -220,7 +225,7 @@ def _kind(value: Any) -> str:
             return key
     *keys, last = SENSORS
     problem = f"needs one of the keys {', '.join(keys)} and {last}, which say what is measured"
-    raise refusal(problem)
+    raise UnfitError(problem)
 
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from echelon.algebra import parse
 from echelon.formats.schema.schema_types import (
@@ -13,10 +13,16 @@ from echelon.formats.schema.schema_types import (
     Frame,
     Model,
     Name,
-    refusal,
 )
 from echelon.robot import CONSTANTS, KINDS, POSITIVE_CONSTANTS
-from echelon.shared import Discriminator, Tag, model_check, optional, required
+from echelon.shared import (
+    Discriminator,
+    Tag,
+    UnfitError,
+    model_check,
+    optional,
+    required,
+)
 
 Side = Literal["joint", "actuator"]
 
@@ -37,17 +43,16 @@ class FileJoint(Model):
     )
 
     @model_check
-    def _check_axes(self) -> Self:
+    def _check_axes(self) -> None:
         axes = [axis for axis in (self.axis, self.axis2) if axis is not None]
         if self.type != "universal" and axes:
-            raise refusal(f"a {self.type} joint has no axis")
+            raise UnfitError(f"a {self.type} joint has no axis")
         if self.type == "universal" and len({axis[-1] for axis in axes}) != len(
             ("axis", "axis2")
         ):
-            raise refusal(
+            raise UnfitError(
                 "a universal joint has an axis and an axis2, perpendicular to each other"
             )
-        return self
 
 
 class RobotFileEntry(Model):
@@ -148,15 +153,15 @@ class ReadyEffect(Model):
         }
 
     @model_check
-    def _check_constants(self) -> Self:
+    def _check_constants(self) -> None:
         needed = CONSTANTS.get(self.type, {})
         for name in dict.fromkeys(chain.from_iterable(CONSTANTS.values())):
             if getattr(self, name) is not None and name not in needed:
-                raise refusal(f"a {self.type} effect has no '{name}'")
+                raise UnfitError(f"a {self.type} effect has no '{name}'")
         for name, default in needed.items():
             if getattr(self, name) is None and default is None:
                 example = (type(self).model_fields[name].examples or [""])[0]
-                raise refusal(
+                raise UnfitError(
                     f"a {self.type} effect needs '{name}', such as {name}: {example}"
                 )
         for name, text in self.constants.items():
@@ -165,8 +170,7 @@ class ReadyEffect(Model):
                 problem = (
                     f"'{name}' of a {self.type} effect is more than 0, found {text}"
                 )
-                raise refusal(problem)
-        return self
+                raise UnfitError(problem)
 
 
 class ActionEntry(Model):

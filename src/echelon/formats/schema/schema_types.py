@@ -14,7 +14,7 @@ import math
 import re
 from functools import partial, reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from echelon.algebra import PER_PI, PI, is_whole, parse, pi_generators
 from echelon.formats.snapping import NOT_FINITE
@@ -48,18 +48,13 @@ _RENAMED = {
 """Keys of other conventions: a key of the mapping where they are found, and what to write instead."""
 
 
-def refusal(problem: str) -> UnfitError:
-    """An error with a message of ours."""
-    return UnfitError(problem)
-
-
 def _scalar(what: str, value: object) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         found = str(value).lower() if isinstance(value, bool) else kind_of(value)
-        raise refusal(f"needs {what}, found {found}")
+        raise UnfitError(f"needs {what}, found {found}")
     text = value.strip() if isinstance(value, str) else repr(value)
     if not text:
-        raise refusal(f"needs {what}, found an empty text")
+        raise UnfitError(f"needs {what}, found an empty text")
     return text
 
 
@@ -69,13 +64,13 @@ _name = partial(_scalar, "a name")
 def _flag(value: object) -> object:
     found = _FLAGS.get(value.lower()) if isinstance(value, str) else value
     if not isinstance(found, bool):
-        raise refusal(f"needs true or false, found {kind_of(value)}")
+        raise UnfitError(f"needs true or false, found {kind_of(value)}")
     return found
 
 
 def _version(value: object) -> object:
     if isinstance(value, bool) or str(value) != "1":
-        raise refusal(
+        raise UnfitError(
             f"this is version {kind_of(value)} of the format; this program reads version 1: 'echelon: 1'"
         )
     return 1
@@ -83,16 +78,16 @@ def _version(value: object) -> object:
 
 def _rows(value: object) -> object:
     if value == [] or value == ():
-        raise refusal("the table is empty; it needs at least one row")
+        raise UnfitError("the table is empty; it needs at least one row")
     return value
 
 
 def of_size(value: object, size: int, what: str) -> tuple[object, ...]:
     """The entries of a list of known size; refuses everything else as not being what it needs."""
     if not isinstance(value, list | tuple):
-        raise refusal(f"needs {what}, found {kind_of(value)}")
+        raise UnfitError(f"needs {what}, found {kind_of(value)}")
     if len(value) != size:
-        raise refusal(f"needs {what}, found {len(value)} entries")
+        raise UnfitError(f"needs {what}, found {len(value)} entries")
     return tuple(value)
 
 
@@ -145,19 +140,19 @@ AS_ROWS = BeforeValidator(_rows)
 def number(value: object) -> float:
     """A finite number: an expression of numbers and pi, since data sheets state ``2*pi`` as often as ``6.28``."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise refusal(f"needs a number such as 0.5 or 2*pi, found {kind_of(value)}")
+        raise UnfitError(f"needs a number such as 0.5 or 2*pi, found {kind_of(value)}")
     text = str(value).strip()
     if NOT_FINITE.fullmatch(text):
-        raise refusal(f"'{text}' is not a finite number")
+        raise UnfitError(f"'{text}' is not a finite number")
     try:
         expression = parse(text)
         if not set(expression.symbols()) <= {PI, PER_PI}:
-            raise refusal(
+            raise UnfitError(
                 f"needs a number or an expression of numbers and pi, found '{text}'"
             )
         return expression.at(pi_generators(math.pi))
     except ValueError as error:
-        raise refusal(str(error)) from None
+        raise UnfitError(str(error)) from None
 
 
 def _real(value: object) -> float:
@@ -169,7 +164,7 @@ def _real(value: object) -> float:
 def _whole(value: object) -> int:
     text = str(value)
     if not is_whole(text.removeprefix("-")):
-        raise refusal(f"needs a whole number, found {kind_of(value)}")
+        raise UnfitError(f"needs a whole number, found {kind_of(value)}")
     return int(text)
 
 
@@ -233,13 +228,12 @@ class Model(Record):
 def exactly_one(*keys: str) -> Any:
     """A check that a mapping states exactly one of some keys."""
 
-    def check(model: Model) -> Model:
+    def check(model: Model) -> None:
         stated = [key for key in keys if getattr(model, key) is not None]
         if len(stated) != 1:
-            raise refusal(
+            raise UnfitError(
                 f"give exactly one of {', '.join(keys)}; found {' and '.join(stated) or 'none of them'}"
             )
-        return model
 
     return model_check(check)
 
@@ -260,10 +254,9 @@ class Frame(Model):
     )
 
     @model_check
-    def _check_rotation(self) -> Self:
+    def _check_rotation(self) -> None:
         if self.rpy is not None and self.rotation is not None:
-            raise refusal("give rpy or rotation, not both")
-        return self
+            raise UnfitError("give rpy or rotation, not both")
 
 
 class MotionStep(Model):
@@ -321,12 +314,11 @@ class UniversalJoint(_Joint):
     axis2: Direction = required("Second axis, perpendicular to the first.", "y")
 
     @model_check
-    def _check_axes(self) -> Self:
+    def _check_axes(self) -> None:
         if self.axis[-1] == self.axis2[-1]:
-            raise refusal(
+            raise UnfitError(
                 f"axis2 must be perpendicular to axis, so not along {self.axis[-1]}"
             )
-        return self
 
 
 class PlainJoint(_Joint):
@@ -361,16 +353,18 @@ _JOINTS = (AxisJoint, HelicalJoint, UniversalJoint, PlainJoint, CustomJoint)
 def _kind_of_joint(value: Any) -> str:
     if not isinstance(value, dict):
         example = "{type: revolute, axis: z}"
-        raise refusal(f"needs a mapping such as {example}, found {kind_of(value)}")
+        raise UnfitError(f"needs a mapping such as {example}, found {kind_of(value)}")
     if "type" not in value:
-        raise refusal("the key 'type' is missing: a joint has a type such as revolute")
+        raise UnfitError(
+            "the key 'type' is missing: a joint has a type such as revolute"
+        )
     types: dict[str, str] = {}
     for model in _JOINTS:
         kinds = get_args(model.model_fields["type"].annotation)
         types |= dict.fromkeys(kinds, model.__name__)
     kind = str(value["type"])
     if kind not in types:
-        raise refusal(f"unknown joint type '{kind}'{nearest_of(kind, types)}")
+        raise UnfitError(f"unknown joint type '{kind}'{nearest_of(kind, types)}")
     return types[kind]
 
 
@@ -421,14 +415,13 @@ class LoopEntry(Model):
     )
 
     @model_check
-    def _check_axis(self) -> Self:
+    def _check_axis(self) -> None:
         if self.axis is not None and self.joint in _WITHOUT_AXIS:
-            raise refusal(f"a {self.joint} joint has no axis")
+            raise UnfitError(f"a {self.joint} joint has no axis")
         if self.axis is not None and self.joint == "universal":
-            raise refusal(
+            raise UnfitError(
                 "a universal joint has two axes, x of at and y of on_second: turn these frames by rpy"
             )
-        return self
 
 
 Loop = Annotated[
