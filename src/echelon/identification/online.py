@@ -30,6 +30,7 @@ import numpy.typing as npt
 
 from echelon.base import BaseModel, base_of
 from echelon.compute import Layout, Observation, Triangle, real_array, upper_triangle
+from echelon.dynamics import STATE
 from echelon.identification.estimators.estimate import (
     Estimate,
     WeightedSolution,
@@ -93,7 +94,7 @@ def online(
     >>> estimator = ec.online(base, noise=[0.1, 0.1], forgetting=0.999)
     >>> true = np.array([0.4, 0.3, 0.1, 0.2, 0.1, 0.05])
     >>> for q, qd, qdd in np.random.default_rng(0).normal(size=(500, 3, 2)):
-    ...     estimator.update(q, qd, qdd, base.predict(q, qd, qdd, true)[0])
+    ...     estimator.update(q, qd, qdd, base.predict(q, qd, qdd, true))
     >>> estimator
     OnlineEstimator(500 samples, forgetting 0.999: rank 6 of 6, scaled condition 1.75)
     >>> estimator.estimate().values.round(9).tolist()
@@ -115,6 +116,8 @@ def online(
     if prior is not None:
         target = checked_values(base, prior)
         matrix = real_array("covariance", np.asarray(covariance))
+        if matrix.ndim == 1 and not (matrix > 0).all():
+            raise InputError("standard deviations of the prior must be positive")
         square = np.diag(matrix**2) if matrix.ndim == 1 else matrix
         root = information_root(base, target, square)
         known = upper_triangle(np.column_stack([root, root @ target]))
@@ -188,7 +191,9 @@ class OnlineEstimator:
         InputError
             If shapes do not fit, or a value is not finite; then nothing has changed.
         """
-        rows = self.base.regressor(q, qd, qdd, inputs=inputs)
+        states = zip(STATE, (q, qd, qdd), strict=True)
+        samples = (np.atleast_2d(real_array(name, array)) for name, array in states)
+        rows = self.base.regressor(*samples, inputs=inputs)
         measured = np.atleast_2d(real_array("y", y))
         if measured.shape != rows.shape[:2]:
             raise InputError(
