@@ -117,7 +117,7 @@ def online(
         target = checked_values(base, prior)
         matrix = real_array("covariance", np.asarray(covariance))
         if matrix.ndim == 1 and not (matrix > 0).all():
-            raise InputError("standard deviations of the prior must be positive")
+            raise InputError("the covariance has deviations that are not positive")
         square = np.diag(matrix**2) if matrix.ndim == 1 else matrix
         root = information_root(base, target, square)
         known = upper_triangle(np.column_stack([root, root @ target]))
@@ -352,7 +352,7 @@ class OnlineEstimator:
             if spent.any():
                 k = int(spent.argmax())
                 raise InputError(
-                    used_up(int(self._rows[k])),
+                    used_up(self._weights[k], "online()"),
                     element=f"output '{self._layout.outputs[k]}'",
                 )
             return np.where(self._rows > 0, np.maximum(found, floor), np.inf)
