@@ -201,6 +201,21 @@ def test_a_sample_may_be_a_vector() -> None:
     )
 
 
+def test_lengths_may_come_with_the_samples() -> None:
+    data = log(40)
+    text = (ROOT / "examples/double_pendulum.yaml").read_text()
+    open_length = ec.base_parameters(ec.load(text.replace("l1: 0.3", "l1: null")))
+    estimator = ec.online(open_length, noise=NOISE)
+    with pytest.raises(ec.InputError, match="symbol 'l1' has no value"):
+        estimator.update(**data)
+    estimator.update(**data, symbols={"l1": 0.3})
+    wanted = ec.online(pendulum(), noise=NOISE)
+    fed(wanted, data, 40)
+    np.testing.assert_allclose(
+        estimator.estimate().values, wanted.estimate().values, rtol=1e-9
+    )
+
+
 def test_too_short_a_memory_says_how_long_it_is() -> None:
     estimator = ec.online(pendulum(), forgetting=0.5)
     fed(estimator, log(200), 200)

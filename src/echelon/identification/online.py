@@ -32,6 +32,7 @@ from echelon.base import BaseModel, base_of
 from echelon.compute import Layout, Observation, Triangle, real_array, upper_triangle
 from echelon.dynamics import STATE
 from echelon.identification.estimators.estimate import (
+    ROUNDING,
     Estimate,
     WeightedSolution,
     solved,
@@ -174,6 +175,7 @@ class OnlineEstimator:
         qdd: npt.ArrayLike,
         y: npt.ArrayLike,
         inputs: Inputs = None,
+        symbols: Mapping[str, float] | None = None,
     ) -> None:
         """Take in a sample, or several in the order of time.
 
@@ -185,6 +187,8 @@ class OnlineEstimator:
             Measured outputs.  NaN where an output is missing: its row is skipped, and the others of the sample count.
         inputs : mapping of str to array of shape (N,), optional
             Measured inputs that effects use.
+        symbols : mapping of str to float, optional
+            Values of geometry symbols that replace or complete those of the file.
 
         Raises
         ------
@@ -193,7 +197,7 @@ class OnlineEstimator:
         """
         states = zip(STATE, (q, qd, qdd), strict=True)
         samples = (np.atleast_2d(real_array(name, array)) for name, array in states)
-        rows = self.base.regressor(*samples, inputs=inputs)
+        rows = self.base.regressor(*samples, symbols, inputs)
         measured = np.atleast_2d(real_array("y", y))
         if measured.shape != rows.shape[:2]:
             raise InputError(
@@ -339,7 +343,8 @@ class OnlineEstimator:
         with np.errstate(invalid="ignore", divide="ignore"):
             used = solution.leverages[: len(self._rows)] * self._squares / self._weights
             free = self._weights - used
-            return np.where(free > 0, misfits / np.sqrt(free), np.nan)
+            left = free > ROUNDING * self._weights
+            return np.where(left, misfits / np.sqrt(free), np.nan)
 
     def _estimated_noise(self) -> Floats:
         """Noise of the outputs that agrees with their residuals; infinite where an output has no rows."""
