@@ -468,6 +468,21 @@ def test_a_low_pass_of_what_is_linear_between_samples_is_exact() -> None:
     close(whole, found[2:])
 
 
+def test_one_state_is_a_log_of_one_sample() -> None:
+    base = ec.base_parameters(ec.load(EXAMPLES / "double_pendulum.yaml"))
+    q, qd = np.array([0.3, -0.7]), np.array([1.0, 2.0])
+    found = base.filtered_regressor([0.0], q, qd, 20.0)
+    close(found, np.zeros((1, 2, base.rank)))
+    with pytest.raises(InputError, match="times has shape"):
+        base.filtered_regressor([0.0, 1.0], q, qd, 20.0)
+
+
+def test_a_low_pass_starts_at_finite_numbers_of_the_signals_shape() -> None:
+    for start, message in [([1, 2], "start has shape"), (np.nan, "must be finite")]:
+        with pytest.raises(InputError, match=message):
+            ec.low_pass([0, 1], [1, 2], 1.0, start)
+
+
 @pytest.mark.parametrize(
     ("times", "values", "bandwidth", "message"),
     [

@@ -189,6 +189,40 @@ def test_the_physical_estimate_is_one_that_a_robot_can_have() -> None:
     assert (np.abs(found - plain.values) < plain.std).all()
 
 
+def test_a_sample_may_be_a_vector() -> None:
+    data = log(40)
+    alone, together = (ec.online(pendulum(), noise=NOISE) for _ in range(2))
+    fed(together, data, 40)
+    for k in range(40):
+        alone.update(**{name: values[k] for name, values in data.items()})
+    assert alone.samples == 40
+    np.testing.assert_allclose(
+        alone.estimate().values, together.estimate().values, rtol=1e-9
+    )
+
+
+def test_lengths_may_come_with_the_samples() -> None:
+    data = log(40)
+    text = (ROOT / "examples/double_pendulum.yaml").read_text()
+    open_length = ec.base_parameters(ec.load(text.replace("l1: 0.3", "l1: null")))
+    estimator = ec.online(open_length, noise=NOISE)
+    with pytest.raises(ec.InputError, match="symbol 'l1' has no value"):
+        estimator.update(**data)
+    estimator.update(**data, symbols={"l1": 0.3})
+    wanted = ec.online(pendulum(), noise=NOISE)
+    fed(wanted, data, 40)
+    np.testing.assert_allclose(
+        estimator.estimate().values, wanted.estimate().values, rtol=1e-9
+    )
+
+
+def test_too_short_a_memory_says_how_long_it_is() -> None:
+    estimator = ec.online(pendulum(), forgetting=0.5)
+    fed(estimator, log(200), 200)
+    with pytest.raises(ec.InputError, match=r"its 2 rows .* give online\(\) the noise"):
+        estimator.estimate()
+
+
 def test_refusals_change_nothing() -> None:
     estimator = ec.online(pendulum(), noise=NOISE)
     data = log(20)
@@ -210,6 +244,8 @@ def test_refusals_change_nothing() -> None:
         ({"noise": [1.0, -1.0]}, "output 'j2'"),
         ({"prior": TRUE}, "both a prior and its covariance"),
         ({"prior": TRUE, "covariance": np.zeros(6)}, "not positive"),
+        ({"prior": TRUE, "covariance": -np.ones(6)}, "not positive"),
+        ({"prior": TRUE, "covariance": np.triu(np.ones((6, 6)))}, "not symmetric"),
         ({"prior": TRUE[:2], "covariance": np.ones(6)}, "expected 6 base parameters"),
     ]:
         with pytest.raises(ec.InputError, match=said):

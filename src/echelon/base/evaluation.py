@@ -129,6 +129,7 @@ class Evaluation(ABC):
         Returns
         -------
         array of shape (N, *function(name).shape)
+            Without the first axis for one state, whose positions and velocities have one.
 
         Raises
         ------
@@ -263,7 +264,7 @@ class Evaluation(ABC):
         >>> bool(abs(base.filtered_regressor(t[:, 0], q, qd, 10.0) - X).max() < 1e-4)
         True
         """
-        state = {"q": q, "qd": qd}
+        state = {"q": np.atleast_2d(q), "qd": np.atleast_2d(qd)}
         momenta = self.evaluate("momentum_regressor", state, symbols)
         bias = self.evaluate("momentum_bias_regressor", state, symbols, inputs)
         started = momenta[0] if len(momenta) else 0.0

@@ -56,7 +56,13 @@ def low_pass(
             f"times has shape {at.shape} and values {signal.shape}; expected (N,) and (N, ...)"
         )
     steps = np.diff(at)
-    if not (np.isfinite(signal).all() and np.isfinite(at).all() and (steps > 0).all()):
+    first = np.asarray(start, dtype=float)
+    if first.shape not in ((), signal.shape[1:]):
+        raise InputError(
+            f"start has shape {first.shape}; expected {signal.shape[1:]}, as each sample has"
+        )
+    finite = all(np.isfinite(array).all() for array in (signal, at, first))
+    if not (finite and (steps > 0).all()):
         raise InputError("times must increase, and all numbers must be finite")
     if not 0 < bandwidth < np.inf:
         raise InputError(f"bandwidth is {bandwidth}; expected rad/s above zero")
@@ -64,7 +70,7 @@ def low_pass(
     kept, means = np.exp(-phases), -np.expm1(-phases) / phases
     found = np.empty_like(signal)
     if len(signal):
-        found[0] = start
+        found[0] = first
     for k, (e, g) in enumerate(zip(kept, means, strict=True)):
         found[k + 1] = e * found[k] + (g - e) * signal[k] + (1 - g) * signal[k + 1]
     return found

@@ -83,11 +83,13 @@ def _built(name: str, function: Run, epilog: str) -> click.Command:
             given["read"] = reading(**{key: given.pop(key) for key in names})
         return function(**given)
 
+    text = getdoc(function) or ""
     return Command(
         name,
         callback=run,
         params=parameters,
-        help=getdoc(function),
+        help=text,
+        short_help=text.partition("\n\n")[0],
         epilog=epilog,
         context_settings=app.context_settings,
     )

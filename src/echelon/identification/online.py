@@ -30,7 +30,9 @@ import numpy.typing as npt
 
 from echelon.base import BaseModel, base_of
 from echelon.compute import Layout, Observation, Triangle, real_array, upper_triangle
+from echelon.dynamics import STATE
 from echelon.identification.estimators.estimate import (
+    ROUNDING,
     Estimate,
     WeightedSolution,
     solved,
@@ -93,7 +95,7 @@ def online(
     >>> estimator = ec.online(base, noise=[0.1, 0.1], forgetting=0.999)
     >>> true = np.array([0.4, 0.3, 0.1, 0.2, 0.1, 0.05])
     >>> for q, qd, qdd in np.random.default_rng(0).normal(size=(500, 3, 2)):
-    ...     estimator.update(q, qd, qdd, base.predict(q, qd, qdd, true)[0])
+    ...     estimator.update(q, qd, qdd, base.predict(q, qd, qdd, true))
     >>> estimator
     OnlineEstimator(500 samples, forgetting 0.999: rank 6 of 6, scaled condition 1.75)
     >>> estimator.estimate().values.round(9).tolist()
@@ -115,6 +117,8 @@ def online(
     if prior is not None:
         target = checked_values(base, prior)
         matrix = real_array("covariance", np.asarray(covariance))
+        if matrix.ndim == 1 and not (matrix > 0).all():
+            raise InputError("the covariance has deviations that are not positive")
         square = np.diag(matrix**2) if matrix.ndim == 1 else matrix
         root = information_root(base, target, square)
         known = upper_triangle(np.column_stack([root, root @ target]))
@@ -171,6 +175,7 @@ class OnlineEstimator:
         qdd: npt.ArrayLike,
         y: npt.ArrayLike,
         inputs: Inputs = None,
+        symbols: Mapping[str, float] | None = None,
     ) -> None:
         """Take in a sample, or several in the order of time.
 
@@ -182,13 +187,17 @@ class OnlineEstimator:
             Measured outputs.  NaN where an output is missing: its row is skipped, and the others of the sample count.
         inputs : mapping of str to array of shape (N,), optional
             Measured inputs that effects use.
+        symbols : mapping of str to float, optional
+            Values of geometry symbols that replace or complete those of the file.
 
         Raises
         ------
         InputError
             If shapes do not fit, or a value is not finite; then nothing has changed.
         """
-        rows = self.base.regressor(q, qd, qdd, inputs=inputs)
+        states = zip(STATE, (q, qd, qdd), strict=True)
+        samples = (np.atleast_2d(real_array(name, array)) for name, array in states)
+        rows = self.base.regressor(*samples, symbols, inputs)
         measured = np.atleast_2d(real_array("y", y))
         if measured.shape != rows.shape[:2]:
             raise InputError(
@@ -334,7 +343,8 @@ class OnlineEstimator:
         with np.errstate(invalid="ignore", divide="ignore"):
             used = solution.leverages[: len(self._rows)] * self._squares / self._weights
             free = self._weights - used
-            return np.where(free > 0, misfits / np.sqrt(free), np.nan)
+            left = free > ROUNDING * self._weights
+            return np.where(left, misfits / np.sqrt(free), np.nan)
 
     def _estimated_noise(self) -> Floats:
         """Noise of the outputs that agrees with their residuals; infinite where an output has no rows."""
@@ -347,7 +357,7 @@ class OnlineEstimator:
             if spent.any():
                 k = int(spent.argmax())
                 raise InputError(
-                    used_up(int(self._rows[k])),
+                    used_up(self._weights[k], "online()"),
                     element=f"output '{self._layout.outputs[k]}'",
                 )
             return np.where(self._rows > 0, np.maximum(found, floor), np.inf)

@@ -265,7 +265,7 @@ def undetermined(triangle: Triangle) -> str:
     ]
     return (
         f"{start}; nothing changes along {enumerated(texts, '; ')}: excite these "
-        "directions, fix parameters with known values, or use ridge() towards a prior or minimum_norm()"
+        "directions, fix parameters with known values, or give a prior: ridge(), online()"
     )
 
 

@@ -75,11 +75,11 @@ def least_squares(triangle: Triangle) -> Floats:
     )
 
 
-def used_up(rows: int) -> str:
+def used_up(rows: float, estimator: str = "wls()") -> str:
     """Message for an output whose noise cannot be estimated."""
     return (
-        f"its {rows} rows are all used up by parameters that only it shows, so its noise cannot be estimated: "
-        "give more samples, leave it out, or give the noise to wls()"
+        f"its {rows:.3g} rows are all used up by parameters that only it shows, so its noise cannot be estimated: "
+        f"give more samples, leave it out, or give {estimator} the noise"
     )
 
 

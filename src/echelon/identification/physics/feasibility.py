@@ -146,6 +146,8 @@ def information_root(
     if not (deviations > 0).all():
         raise InputError("the covariance has variances that are not positive")
     correlation = matrix / np.outer(deviations, deviations)
+    if not np.allclose(correlation, correlation.T):
+        raise InputError("the covariance is not symmetric")
     eigenvalues, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
     if eigenvalues[0] <= 0:
         raise InputError("the covariance is not positive definite")
