@@ -201,3 +201,15 @@ def test_logs_of_unknown_experiments_are_refused(folder: Path) -> None:
         ec.identify(folder / "arm.yaml", logs)
     with pytest.raises(ec.InputError, match="'wal' is a path"):
         ec.identify(folder / "arm.yaml", {"wal": folder / "table.csv"})
+
+
+@pytest.mark.parametrize("logs", [["table.csv", "run2_wall.csv"], ["run2_wall.csv"]])
+def test_a_prior_and_a_total_mass_are_those_of_the_robot_without_loads(
+    folder: Path, logs: list[str]
+) -> None:
+    known = "identification: {prior: {file: arm.urdf}, total_mass: [7.5, 8]}\n"
+    (folder / "known.yaml").write_text(SETUP + known)
+    result = ec.identify(folder / "known.yaml", [folder / name for name in logs])
+    assert result.physical is not None
+    found = dict(zip(result.base.parameters, result.physical.standard, strict=True))
+    assert 7.4 < sum(found[name] for name in ("M1", "M2", "M3")) < 8.1

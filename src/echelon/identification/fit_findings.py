@@ -69,7 +69,7 @@ def disagreements(
                 text = (
                     f"the logs of '{name}' contradict those of other experiments: alone they leave {ratio:.2g} times "
                     f"smaller residuals of {layout.outputs[k]}; check gravity, payloads and locked joints of the "
-                    "experiments, gains of their sensors, and which log is of which experiment"
+                    "experiments, gains of their sensors, which log is of which experiment, and whether friction changed"
                 )
                 yield warning(kind, "", text)
 

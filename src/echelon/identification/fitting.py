@@ -187,7 +187,9 @@ def _bounds(setup: Setup, base: BaseModel) -> Bounds:
         name: (value, value) for name, value in settings.known.items() if name in alone
     }
     limits = {**fixed, **settings.parameters}
-    bounds = Bounds(settings.bodies, limits, settings.total_mass)
+    added = [f"{e.name}.{load}" for e in setup.experiments for load in e.payloads]
+    loads = frozenset((*setup.loads, *added))
+    bounds = Bounds(settings.bodies, limits, settings.total_mass, loads)
     try:
         bounds.check(base.mechanism)
     except InputError as error:

@@ -263,7 +263,7 @@ def _fitted(
             plan = replace(plan, base=base)
             data = PassesOverData(plan, fitted_logs, client, memory)
 
-        prior = known_before(base, setup.prior)
+        prior = known_before(base, setup.prior_in_experiments)
         prior_base = None if prior is None else prior.base_values(base)
 
         step("estimating")

@@ -69,7 +69,13 @@ def told_apart(setup: Setup, fitted: Paths, unseen: Paths) -> Setup:
         return found
     # a single one keeps the names of its robot
     columns = [replace(c, experiment="") for c in setup.columns if c.experiment in used]
-    return replace(found, columns=tuple(columns), experiments=())
+    return replace(
+        found,
+        columns=tuple(columns),
+        experiments=(),
+        prior=found.prior_in_experiments,
+        loads=tuple(kept[0].payloads),
+    )
 
 
 def with_phases(setup: Setup, paths: Paths) -> Setup:
