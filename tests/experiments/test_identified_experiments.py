@@ -207,9 +207,10 @@ def test_logs_of_unknown_experiments_are_refused(folder: Path) -> None:
 def test_a_prior_and_a_total_mass_are_those_of_the_robot_without_loads(
     folder: Path, logs: list[str]
 ) -> None:
-    known = "identification: {prior: {file: arm.urdf}, total_mass: [7.5, 8]}\n"
+    known = "identification: {prior: {file: arm.urdf}, total_mass: [7.5, 8], bodies: {l2: {mass: [3, 4]}, tool: {mass: [0, 2]}}}\n"
     (folder / "known.yaml").write_text(SETUP + known)
     result = ec.identify(folder / "known.yaml", [folder / name for name in logs])
     assert result.physical is not None
     found = dict(zip(result.base.parameters, result.physical.standard, strict=True))
     assert 7.4 < sum(found[name] for name in ("M1", "M2", "M3")) < 8.1
+    assert 2.9 < found["M2"] < 4.1
