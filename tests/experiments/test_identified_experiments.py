@@ -161,3 +161,56 @@ def test_a_locked_joint_keeps_the_numbers_of_the_others(folder: Path) -> None:
         "j1": "q_1",
         "j3": "q_3",
     }
+
+
+@pytest.mark.parametrize(
+    ("fault", "experiment"),
+    [
+        ("  - {name: wall, gravity: [-9.81, 0, 0], payloads: {tool: l3}}", "table"),
+        ("  - {name: held, locked: {j2: 0.2}}", "held"),
+    ],
+)
+def test_experiments_that_contradict_one_another_are_named(
+    folder: Path, fault: str, experiment: str
+) -> None:
+    # a free load explains gravity that is stated upside down, in the logs with the load alone
+    name = fault.split(",")[0]
+    lines = [fault if name in line else line for line in SETUP.splitlines()]
+    (folder / "wrong.yaml").write_text("\n".join(lines))
+    logs = [folder / f"{log}.csv" for log in ("table", "run2_wall", "held-1")]
+    result = ec.identify(folder / "wrong.yaml", logs)
+    said = f"logs of '{experiment}' contradict those of other experiments"
+    assert any(said in reason for reason in result.reasons)
+    right = ec.identify(folder / "arm.yaml", logs)
+    assert not any("contradict" in finding.text for finding in right.findings)
+
+
+def test_columns_of_outputs_that_an_experiment_lacks_are_left_out(folder: Path) -> None:
+    text = SETUP.replace("{name: table}", "{name: table, sensors: [j2]}")
+    (folder / "few.yaml").write_text(text)
+    result = ec.identify(
+        folder / "few.yaml", [folder / "table.csv", folder / "run2_wall.csv"]
+    )
+    outputs = {score.output for score in result.pooled[0].scores}
+    assert outputs == {"table.j2", "wall.j1", "wall.j2", "wall.j3"}
+
+
+def test_logs_of_unknown_experiments_are_refused(folder: Path) -> None:
+    logs = {"table": folder / "table.csv", "wal": folder / "run2_wall.csv"}
+    with pytest.raises(ec.InputError, match="'wal', which is no experiment; did you"):
+        ec.identify(folder / "arm.yaml", logs)
+    with pytest.raises(ec.InputError, match="'wal' is a path"):
+        ec.identify(folder / "arm.yaml", {"wal": folder / "table.csv"})
+
+
+@pytest.mark.parametrize("logs", [["table.csv", "run2_wall.csv"], ["run2_wall.csv"]])
+def test_a_prior_and_a_total_mass_are_those_of_the_robot_without_loads(
+    folder: Path, logs: list[str]
+) -> None:
+    known = "identification: {prior: {file: arm.urdf}, total_mass: [7.5, 8], bodies: {l2: {mass: [3, 4]}, tool: {mass: [0, 2]}}}\n"
+    (folder / "known.yaml").write_text(SETUP + known)
+    result = ec.identify(folder / "known.yaml", [folder / name for name in logs])
+    assert result.physical is not None
+    found = dict(zip(result.base.parameters, result.physical.standard, strict=True))
+    assert 7.4 < sum(found[name] for name in ("M1", "M2", "M3")) < 8.1
+    assert 2.9 < found["M2"] < 4.1

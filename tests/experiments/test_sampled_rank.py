@@ -160,3 +160,11 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t,q1\n0,0\n")
     with pytest.raises(ec.InputError, match="no column"):
         ec.sampled_rank(robot, tmp_path / "log.csv")
+
+
+def test_samples_that_are_no_numbers_are_refused() -> None:
+    base = ec.base_parameters("examples/double_pendulum.yaml")
+    q = np.random.default_rng(0).normal(size=(9, 2))
+    qd = np.where(np.arange(9)[:, None] == 5, np.nan, q)
+    with pytest.raises(ec.InputError, match="qd of sample 5 is no number"):
+        ec.sampled_rank(base, {"q": q, "qd": qd, "qdd": q})

@@ -208,6 +208,10 @@ def sampled_rank(
     for name, stated in _motions(driven_robot, motion).items():
         model = base.experiment(name) if name in base.mechanism.experiments else base
         driven = _driven(model.mechanism, stated)
+        for kind, part in zip(STATE, driven.states, strict=True):
+            if not np.isfinite(part).all():
+                row = int(np.argmin(np.isfinite(part).all(axis=1)))
+                raise InputError(f"{kind} of sample {row} is no number: leave it out")
         count = len(driven.states[0])
         samples += count
         others = [driven.rounded(rng) for _ in range(DRAWS)]

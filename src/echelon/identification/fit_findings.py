@@ -6,12 +6,24 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from echelon.compute import Observation
 from echelon.identification.conditioning import DataConditioning
 from echelon.identification.estimators.estimate import CLEAR, Estimate
+from echelon.identification.estimators.least_squares import (
+    least_squares,
+    noise_estimate,
+)
 from echelon.identification.logs.finding import Finding, Severity, note, warning
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
-from echelon.identification.scores import HALF, OVERFIT, Validation
+from echelon.identification.scores import (
+    HALF,
+    NOISELESS,
+    OVERFIT,
+    UNEXPLAINED,
+    Validation,
+)
+from echelon.shared import Floats
 
 IMPOSSIBLE = 30.0
 """Standard deviations to the nearest robot from which on the model contradicts physics: filters and unmodelled effects
@@ -33,6 +45,33 @@ def contradictions(
     told = ("contradiction", "rates") if measured else ("contradiction",)
     facts += [str(finding) for finding in findings if finding.kind in told]
     return facts
+
+
+def disagreements(
+    experiments: Sequence[str], observation: Observation, values: Floats
+) -> Iterable[Finding]:
+    """Experiments whose logs base parameters of their own explain far better than the values of all experiments."""
+    layout, noise = observation.layout, noise_estimate(observation)
+    together = observation.misfits(values)
+    sizes = [np.linalg.norm(factor[:, -1]) for factor in observation.factors]
+    for name in experiments:
+        own = np.array([output.startswith(f"{name}.") for output in layout.outputs])
+        triangle = observation.combined(np.where(own, 1 / noise, 0.0))
+        rows = sum(np.array(observation.counts)[own].tolist())
+        if rows <= 2 * triangle.rank:
+            continue
+        alone = observation.misfits(least_squares(triangle))
+        alone *= np.sqrt(rows / (rows - triangle.rank))
+        for k in np.flatnonzero(own & (together > OVERFIT * alone)).tolist():
+            if sizes[k] > 0 and together[k] > NOISELESS * sizes[k]:
+                ratio = together[k] / max(alone[k], NOISELESS * sizes[k])
+                kind = "contradiction" if ratio > UNEXPLAINED else "disagreement"
+                text = (
+                    f"the logs of '{name}' contradict those of other experiments: alone they leave {ratio:.2g} times "
+                    f"smaller residuals of {layout.outputs[k]}; check gravity, payloads and locked joints of the "
+                    "experiments, gains of their sensors, which log is of which experiment, and whether friction changed"
+                )
+                yield warning(kind, "", text)
 
 
 def fit_findings(

@@ -33,6 +33,7 @@ from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
 from echelon.identification.physics.prior_information import Prior
 from echelon.identification.setup.setup import Setup
+from echelon.robot import Mechanism
 from echelon.shared import EchelonError, Floats, InputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -187,12 +188,24 @@ def _bounds(setup: Setup, base: BaseModel) -> Bounds:
         name: (value, value) for name, value in settings.known.items() if name in alone
     }
     limits = {**fixed, **settings.parameters}
-    bounds = Bounds(settings.bodies, limits, settings.total_mass)
+    added = [f"{e.name}.{load}" for e in setup.experiments for load in e.payloads]
+    loads = frozenset((*setup.loads, *added))
+    bodies = {
+        _named(base.mechanism, name): entry for name, entry in settings.bodies.items()
+    }
+    bounds = Bounds(bodies, limits, settings.total_mass, loads)
     try:
         bounds.check(base.mechanism)
     except InputError as error:
         raise error.located(setup.source) from None
     return bounds
+
+
+def _named(mechanism: Mechanism, name: str) -> str:
+    """Name of a body in the first experiment that has it, by the name that its robot gives it."""
+    bodies = {body.name for body in mechanism.bodies}
+    places = [f"{experiment}.{name}" for experiment in mechanism.experiments]
+    return next((place for place in places if place in bodies), name)
 
 
 def _feasibility(base: BaseModel, fit: BaseFit) -> Feasibility:

@@ -15,7 +15,12 @@ from echelon.identification.chosen_values import chosen_values
 from echelon.identification.constants import Constant, Profile, started
 from echelon.identification.current_fit import gain_names
 from echelon.identification.estimators.estimate import CLEAR
-from echelon.identification.fit_findings import contradictions, fit_findings, limited
+from echelon.identification.fit_findings import (
+    contradictions,
+    disagreements,
+    fit_findings,
+    limited,
+)
 from echelon.identification.fitting import (
     base_fit,
     physics,
@@ -258,7 +263,7 @@ def _fitted(
             plan = replace(plan, base=base)
             data = PassesOverData(plan, fitted_logs, client, memory)
 
-        prior = known_before(base, setup.prior)
+        prior = known_before(base, setup.prior_in_experiments)
         prior_base = None if prior is None else prior.base_values(base)
 
         step("estimating")
@@ -310,6 +315,9 @@ def _fitted(
         )
     if conditions.is_complete and not gain_names(base):
         findings += mass_findings(base, estimate.values)
+    findings += disagreements(
+        base.mechanism.experiments, data.observation, estimate.values
+    )
     facts = [
         *filter(None, map(contradiction, judged)),
         *contradictions(feasible, findings, plan.preparation.measured),

@@ -313,7 +313,7 @@ class IdentificationEntry(Model):
         {}, "Bounds on parameters.", {"Fv1": [0, 10]}
     )
     total_mass: MassBound | None = optional(
-        None, "Range of the mass of all bodies, kg.", [12, 14]
+        None, "Range of the mass of all bodies without loads of experiments, kg.", [12, 14]
     )
     intervals: Literal["clustered", "classical"] = optional(
         "clustered",

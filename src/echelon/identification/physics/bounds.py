@@ -11,7 +11,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -32,7 +33,8 @@ class Bounds:
     bodies: Mapping[str, BodyBoundsEntry] = field(default_factory=dict)  # by body name
     # by parameter name, SI units
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    total_mass: tuple[float, float] | None = None  # of all bodies, kg
+    total_mass: tuple[float, float] | None = None  # of all bodies but loads, kg
+    loads: frozenset[str] = frozenset()  # bodies that experiments add to the robot
 
     def check(self, mechanism: Mechanism) -> None:
         """Check that bodies and parameters exist and carry what is bounded."""
@@ -160,16 +162,27 @@ def linear_limits(role: Roles, bounds: Bounds) -> LinearLimits:
         _body_rows(rows, name, body, column_of[name], carried)
     if bounds.total_mass is not None:
         masses = {
-            column: float(len(role.mechanism.sharing[parameter.body]))
+            column: float(_copies(role.mechanism, parameter.body, bounds.loads))
             for column, parameter in enumerate(role.mechanism.columns)
             if parameter.kind == 9 and parameter.body is not None
         }
-        if not masses:
+        if not any(masses.values()):
             raise InputError(
                 "no parameter is a mass, so the total mass cannot be bounded"
             )
         rows.between(masses, bounds.total_mass, "total mass")
     return rows.limits()
+
+
+def _copies(mechanism: Mechanism, body: int, loads: Collection[str]) -> int:
+    """Bodies of the robot that share the parameters of one; experiments have the same robot."""
+    names = [mechanism.bodies[k].name for k in mechanism.sharing[body]]
+    trees = [
+        name.partition(".")[0] if mechanism.experiments else ""
+        for name in names
+        if name not in loads
+    ]
+    return max(Counter(trees).values(), default=0)
 
 
 def _body_rows(

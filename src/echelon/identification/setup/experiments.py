@@ -22,7 +22,7 @@ from echelon.identification.logs.finding import listed
 from echelon.identification.logs.read_log import map_of, opened, read_log
 from echelon.identification.setup.setup import Setup
 from echelon.robot import Experiment
-from echelon.shared import InputError, in_quotes
+from echelon.shared import InputError, in_quotes, nearest_of
 
 RARE = 0.1
 """Share of the samples below which a set of contacts is no experiment of its own, as where feet bounce: its samples are
@@ -33,7 +33,12 @@ Paths = tuple[Path, ...]
 
 def by_experiment(logs: Any, names: Sequence[str]) -> Iterator[tuple[str, Path]]:
     """Paths of logs with the experiment that they are given for, in a mapping from its name; else with none."""
-    is_told = isinstance(logs, Mapping) and bool(logs) and set(logs) <= set(names)
+    is_told = isinstance(logs, Mapping) and any(name in names for name in logs)
+    if is_told and (strange := [name for name in logs if name not in names]):
+        near = nearest_of(str(strange[0]), names)
+        raise InputError(
+            f"logs are given for '{strange[0]}', which is no experiment{near}"
+        )
     for name, some in logs.items() if is_told else [("", logs)]:
         for path in log_paths(some):
             yield name, path
@@ -64,7 +69,13 @@ def told_apart(setup: Setup, fitted: Paths, unseen: Paths) -> Setup:
         return found
     # a single one keeps the names of its robot
     columns = [replace(c, experiment="") for c in setup.columns if c.experiment in used]
-    return replace(found, columns=tuple(columns), experiments=())
+    return replace(
+        found,
+        columns=tuple(columns),
+        experiments=(),
+        prior=found.prior_in_experiments,
+        loads=tuple(kept[0].payloads),
+    )
 
 
 def with_phases(setup: Setup, paths: Paths) -> Setup:

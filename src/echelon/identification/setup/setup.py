@@ -101,6 +101,8 @@ class Setup:
         The description as it was read, which knows lines.
     experiments : tuple of Experiment
         The experiments that the mechanism stands for; none of a robot in one set-up.
+    loads : tuple of str
+        Bodies that a single experiment adds to its robot.
     """
 
     source: str
@@ -123,6 +125,7 @@ class Setup:
     seed: int = DEFAULT_SEED
     document: Document | None = field(default=None, repr=False)
     experiments: tuple[Experiment, ...] = ()
+    loads: tuple[str, ...] = ()
 
     def error(self, path: str, problem: str) -> InputError:
         """An error about an element of the file, with its line where that is known.
@@ -172,6 +175,18 @@ class Setup:
         """
         return replace(
             self, mechanism=joined(experiments), experiments=tuple(experiments)
+        )
+
+    @property
+    def prior_in_experiments(self) -> Mechanism | None:
+        """The prior in all experiments, without their loads."""
+        if self.prior is None or not self.experiments:
+            return self.prior
+        return joined(
+            [
+                replace(e, robot=self.prior, sensors=None, payloads={}, contacts=None)
+                for e in self.experiments
+            ]
         )
 
     def with_settings(self, **changes: Any) -> Setup:

@@ -94,7 +94,9 @@ class ColumnMap:
         """The map without channels of what a mechanism does not have, such as joints that an experiment locks."""
         drives = {actuator.name for actuator in mechanism.transmission.actuators}
         valid = {*mechanism.positions, *mechanism.velocities, *self.sensors, *drives}
-        outputs = {output.name for output in mechanism.outputs} | drives
+        outputs = {output.name for output in mechanism.outputs}
+        if not all(output.name in self.outputs for output in mechanism.sensed):
+            outputs |= drives  # forces of joints follow from those of drives
 
         def is_there(kind: str, name: str) -> bool:
             return kind == "contact" or name in (outputs if kind == "output" else valid)

@@ -365,9 +365,12 @@ class MemoryLog(_Path):
     @classmethod
     def of(cls, samples: Any) -> MemoryLog:
         """Samples with a name made from their content."""
-        arrays = {
-            str(name): _plain(values) for name, values in _by_name(samples).items()
-        }
+        columns = _by_name(samples)
+        for name, values in columns.items():
+            if isinstance(values, str | os.PathLike):
+                text = f"a dict holds samples by column, and '{name}' is a path: give paths in a list, or by the names of "
+                raise InputError(f"{text}experiments")
+        arrays = {str(name): _plain(values) for name, values in columns.items()}
         digest = hashlib.sha256()
         for name, values in arrays.items():
             digest.update(name.encode() + str(values.shape).encode())
