@@ -354,7 +354,7 @@ def test_currents_are_taken_for_torques_and_said_to_be(
         )
     text = written(tmp_path, log)
     assert "  output: 'actual_current_{i}'" in text
-    assert "give the torque per ampere as scale" in " ".join(
+    assert "give the torque per ampere at the joint" in " ".join(
         text.replace("#", "").split()
     )
 

@@ -391,7 +391,7 @@ def _in_amperes(group: Mapping[str, Channel]) -> list[str]:
         return []
     entry = {name: {"column": channel.column, "scale": 1}}
     return [
-        "  # currents, in A, need the torque per ampere, N·m/A, as a scale (a force per ampere, N/A, of what slides):",
+        "  # currents, in A, need a scale: torque per ampere at the joint, N·m/A (torque constant times gear ratio; N/A of slides):",
         f"  # {dump_flow({'output': entry})}",
     ]
 
