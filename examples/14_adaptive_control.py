@@ -67,13 +67,13 @@ def simulated(
         reference = speed - LAMBDA * (q - target)
         moving = {"q": q, "qd": qd, "qdr": reference}
         moving["qddr"] = acceleration - LAMBDA * (qd - speed)
-        Y = base.evaluate("slotine_li_regressor", moving)[0]
+        Y = base.evaluate("slotine_li_regressor", moving)
         sliding = qd - reference
         torque = Y @ estimate - GAIN * sliding
         estimate = estimate - STEP * gamma @ (Y.T @ sliding)
         # the arm
-        bias = base.predict(q, qd, np.zeros(7), TRUE)[0]
-        qd = qd + STEP * np.linalg.solve(base.mass_matrix(q, TRUE)[0], torque - bias)
+        bias = base.predict(q, qd, np.zeros(7), TRUE)
+        qd = qd + STEP * np.linalg.solve(base.mass_matrix(q, TRUE), torque - bias)
         q = q + STEP * qd
     return times, errors, estimates
 

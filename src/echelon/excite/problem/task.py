@@ -546,9 +546,9 @@ def _unreadable(notes: Sequence[str]) -> str:
     """A sentence about shapes of a file that cannot be read, with the ways out."""
     first = notes[0].removeprefix("left out: ").removesuffix(f"; {STAND_IN}")
     others = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
-    ways = "unreadable: boxes (boxes of the inertias replace the links) or unreadable: none (they are not checked)"
+    ways = "unreadable: boxes (boxes of the inertias replace the links), or none (not checked)"
     return (
-        f"{first}{others}; otherwise add shapes under collisions, or write there {ways}"
+        f"{first}{others}; convert meshes of other formats, add shapes under collisions, or write there {ways}"
     )
 
 
