@@ -106,7 +106,7 @@ def test_an_obstacle_that_no_pose_keeps_clear_of_is_refused_with_the_distance_re
     [
         (
             {"name": "crate", "box": [1, 1, 1]},
-            "'crate' holds the base: obstacles are solid",
+            "'crate' holds the base: obstacles are solid.* half lengths, so this one measures 2 × 2 × 2 m",
         ),
         (
             {"name": "table", "plane": [0, 0, -1], "through": [0, 0, -0.5]},

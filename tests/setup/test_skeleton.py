@@ -354,9 +354,34 @@ def test_currents_are_taken_for_torques_and_said_to_be(
         )
     text = written(tmp_path, log)
     assert "  output: 'actual_current_{i}'" in text
-    assert "give the torque per ampere as scale" in " ".join(
+    assert "give the torque per ampere at the joint" in " ".join(
         text.replace("#", "").split()
     )
+
+
+@pytest.mark.parametrize(
+    ("entry", "doubted"),
+    [
+        ("'actual_current_{n}'", True),
+        ("{all: {column: 'actual_current_{n}', scale: -1}}", True),
+        ("{all: {column: 'actual_current_{n}', scale: 12}}", False),
+        ("{all: {column: 'actual_current_{n}', unit: N·m}}", False),
+    ],
+)
+def test_currents_without_a_scale_are_a_doubt_of_a_fit(
+    entry: str, doubted: bool, motion: Motion, tmp_path: Path
+) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM)
+    log = {"t": motion["t"]}
+    for k in (0, 1):
+        log[f"q{k + 1}"] = motion["q"][:, k]
+        log[f"actual_current_{k + 1}"] = motion["tau"][:, k]
+    pd.DataFrame(log).to_csv(tmp_path / "log.csv", index=False)
+    text = f"echelon: 1\nrobot: arm.urdf\nlog: {{time: t, position: 'q{{n}}', output: {entry}}}\n"
+    (tmp_path / "setup.yaml").write_text(text)
+    result = ec.identify(tmp_path / "setup.yaml", tmp_path / "log.csv")
+    doubts = [f for f in result.findings if "names of currents" in f.text]
+    assert [f.severity for f in doubts] == ["warning"] * doubted
 
 
 def test_commands_without_torques_make_a_fit_of_servos(

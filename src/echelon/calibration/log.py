@@ -161,7 +161,8 @@ def _measured(table: Table, sight: Sight, read: list[str]) -> Floats | None:
                 return _values(sight, shift, turn, angles=parts is _ANGLES)
         shown = f"{before}r11 … {before}r33, {before}qw … {before}qz or {before}rx … {before}rz"
         raise InputError(
-            f"the rotation is missing: name its columns {shown}, or state  columns"
+            f"the rotation is missing: name its columns {shown}, or state  columns; "
+            "of a point without a rotation state  measure: [{position: BODY}]"
         )
     except InputError as error:
         raise InputError(error.problem, element=f"measure '{sight.name}'") from None

@@ -31,6 +31,7 @@ from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judged
 from echelon.identification.judge.mounting import is_unknown, standing, with_gravity
 from echelon.identification.judging import judged_fit, misread_elsewhere
+from echelon.identification.logs.columns.column_guess import CURRENTS, are_currents
 from echelon.identification.logs.finding import (
     Finding,
     counted,
@@ -299,7 +300,10 @@ def _fitted(
         )
         elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 
-    findings = [note("assumed", setup.source, text) for text in setup.assumed]
+    assumed = [text for text in setup.assumed if text != CURRENTS]
+    findings = [note("assumed", setup.source, text) for text in assumed]
+    if are_currents(setup.columns):
+        findings.append(warning("currents", setup.source, CURRENTS))
     findings += [warning("outputs", setup.source, text) for text in setup.unmeasured]
     findings += [some.finding(settings.level) for some in constants]
     findings += [

@@ -541,5 +541,6 @@ def unknown_token(
     near = get_close_matches(token, valid, n=4, cutoff=0.5) or sorted(valid)[:4]
     return (
         f"'{token}' is neither a standard parameter in the naming {naming.name} nor a symbol of the robot "
-        f"(nearest: {', '.join(near)}; {len(PARAMETERS)} parameters per body)"
+        f"(nearest: {', '.join(near)}; {len(PARAMETERS)} parameters per body); --define {token}=… states a symbol, "
+        f"--ignore {token} leaves out a parameter that the robot lacks"
     )

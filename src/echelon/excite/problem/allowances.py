@@ -180,4 +180,7 @@ def _holds(obstacle: Shape) -> str:
         turned = f"write plane: [{normal}], or move it away"
         return f"the base is below '{obstacle.name}', whose normal points away from it: {turned}"
     ways = "obstacles are solid, so a crate around the robot is a floor and four walls"
+    if obstacle.kind is ShapeKind.BOX:
+        x, y, z = (f"{2 * half:.3g}" for half in obstacle.size)
+        ways += f"; a box is stated by its half lengths, so this one measures {x} × {y} × {z} m"
     return f"'{obstacle.name}' holds the base: {ways}"

@@ -137,7 +137,9 @@ def mesh_vertices(
     if Path(name).suffix.lower() not in READABLE:
         raise InputError(f"mesh '{name}' cannot be read (valid: {', '.join(READABLE)})")
     if file is None:
-        raise InputError(f"mesh '{name}' not found; set ROS_PACKAGE_PATH")
+        raise InputError(
+            f"mesh '{name}' not found; set ROS_PACKAGE_PATH to the folder of the package"
+        )
     mujoco = import_mujoco("excite")
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(

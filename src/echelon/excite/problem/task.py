@@ -553,8 +553,10 @@ def _unreadable(notes: Sequence[str]) -> str:
     """A sentence about shapes of a file that cannot be read, with the ways out."""
     first = notes[0].removeprefix("left out: ").removesuffix(f"; {STAND_IN}")
     others = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
-    ways = "unreadable: boxes (boxes of the inertias, which differ from the links), or none (not checked)"
-    return f"{first}{others}; convert them, add shapes under collisions, or write there {ways}"
+    ways = "unreadable: boxes (boxes of the inertias replace the links), or none (not checked)"
+    return (
+        f"{first}{others}; convert meshes of other formats, add shapes under collisions, or write there {ways}"
+    )
 
 
 def _random_poses(

@@ -123,6 +123,9 @@ def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
         )
         asked = " or ".join(_QUANTITIES.get(si, (si,))[0] for si in wanted)
         what = f"is the unit of {of}" if of else "is a unit of something else"
+        if of == "a current" and "N·m" in wanted:
+            valid = "leave out  unit,  and give the torque per ampere at the joint as  scale"
+            raise InputError(f"'{unit}' {what}, not of {asked}: {valid}")
         raise InputError(
             f"'{unit}' {what}, not of {asked} (valid: {', '.join(_valid(wanted))})"
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -110,7 +110,7 @@ def skeleton(
             "no output is measured: name the columns of torques, forces or currents under log",
         )
     body = _body(file, found, log, folder, proposed)
-    questions = (*problems, *_questions(found.columns))
+    questions = (*problems, *_questions(found.columns, setup.mechanism))
     trial, is_read = ((), False) if problems else _trial(body, folder, paths)
     first = "Check it" if is_read else "Answer the open questions"
     head = [
@@ -231,16 +231,17 @@ def _explained_rate(
         return None
 
 
-def _questions(columns: ColumnMap) -> list[str]:
+def _questions(columns: ColumnMap, mechanism: Mechanism) -> list[str]:
     """Questions that no file answers, where it matters."""
     asked = []
     if columns.rate and columns.time is None:
         asked.append(
             f"check the rate of {columns.rate:g} samples per second, as found above"
         )
-    if columns.outputs and not any(
-        channel.unit for channel in columns.outputs.values()
-    ):
+    unclear = not any(channel.unit for channel in columns.outputs.values())
+    if columns.outputs and unclear and _has_wrenches(columns.outputs, mechanism):
+        asked.append("check that wrenches are in N and N·m, and act on the body that the sensor carries (else scale: -1)")  # fmt: skip
+    if columns.outputs and unclear and _has_drives(columns.outputs, mechanism):
         asked.append("check that outputs are in N·m (N), on the joints' side of the gears; for motors before gears, state actuators: {m1: 100*joint1} and name these under output")  # fmt: skip
     if columns.positions and not any(
         channel.unit for channel in columns.positions.values()
@@ -341,7 +342,8 @@ def _log_section(
     for key, group in columns.channels.items():
         if group:
             lines += _group(key, group)
-            lines += _in_amperes(group) if key == "output" else []
+            if key == "output" and _has_drives(group, mechanism):
+                lines += _in_amperes(group)
         elif key == "position" or (key == "output" and not columns.inputs):
             lines.append(
                 f'  # {key}: "…_{{n}}"                       # one column for each of {listed(_names(mechanism, key))}'
@@ -383,6 +385,17 @@ def _group(key: str, group: Mapping[str, Channel]) -> list[str]:
     ]
 
 
+def _has_drives(names: Collection[str], mechanism: Mechanism) -> bool:
+    """Whether outputs of some names are forces of joints or drives."""
+    wrenches = {output.name for output in mechanism.sensed if not output.forces}
+    return not wrenches.issuperset(names)
+
+
+def _has_wrenches(names: Collection[str], mechanism: Mechanism) -> bool:
+    """Whether outputs of some names are components of wrenches."""
+    return any(output.cuts and output.name in names for output in mechanism.sensed)
+
+
 def _in_amperes(group: Mapping[str, Channel]) -> list[str]:
     """A comment that shows how to state outputs that are currents, where nothing says that they are not."""
     pattern = _pattern(group)
@@ -391,7 +404,7 @@ def _in_amperes(group: Mapping[str, Channel]) -> list[str]:
         return []
     entry = {name: {"column": channel.column, "scale": 1}}
     return [
-        "  # currents, in A, need the torque per ampere, N·m/A, as a scale (a force per ampere, N/A, of what slides):",
+        "  # currents, in A, need a scale: torque per ampere at the joint, N·m/A (torque constant times gear ratio; N/A of slides):",
         f"  # {dump_flow({'output': entry})}",
     ]
 

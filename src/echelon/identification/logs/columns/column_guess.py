@@ -36,6 +36,7 @@ from echelon.identification.logs.columns.column_names import (
     SHARES,
     Meaning,
     aliases,
+    kinds_said,
     may_be_output,
     meaning,
     spoken,
@@ -80,6 +81,21 @@ _NOT_MEASURED = re.compile(
     "ext|external|con|fric|friction|grav|gravity|dist|filt|ref|desired|des|cmd|commanded|target|limit|max|min"
 )
 """Words of forces that are computed, commanded, or a part of the whole."""
+
+
+CURRENTS = (
+    "the outputs have names of currents and are read as torques: give the torque per ampere at the joint, "
+    "which is the torque constant times the gear ratio, as  scale  (or  unit: N·m  for outputs that are torques)"
+)
+"""Doubt about outputs whose columns say current."""
+
+
+def are_currents(columns: Iterable[ColumnMap]) -> bool:
+    """Whether an output has the name of a current, and neither its unit nor its scale makes it a torque."""
+    outputs = [output for some in columns for output in some.outputs.values()]
+    plain = [one.column for one in outputs if not one.unit and abs(one.scale) == 1]
+    said = [kinds_said(column) for column in plain]
+    return any("current" in kinds and "output" not in kinds for kinds in said)
 
 
 @dataclass(frozen=True)
@@ -306,7 +322,7 @@ class _Columns:
         outputs = {channel.column for channel in groups["output"].values()}
         said = [said for column, said in self.meanings.items() if column in outputs]
         if any(one.kind == "current" for one in said):
-            yield "the outputs have names of currents and are read as torques: give the torque per ampere as scale"
+            yield CURRENTS
         for sign, share in zip(SHARES, ("hundredth", "thousandth"), strict=True):
             if any(one.unit == sign for one in said):
                 yield f"the outputs are in {sign} and are read as torques: give a {share} of the rated torque as scale"
@@ -712,8 +728,8 @@ class _Columns:
             asked.append(f"{family.label}{by and f' ({by})'}")
             left = [name for name in left if name not in family.columns]
         asked += [f"{name}{(by := _nearest(name)) and f' ({by})'}" for name in left]
-        kinds_said = " and ".join(absent)
-        text = f"no {kinds_said} columns of {self.mechanism.name} recognised"
+        lacking = " and ".join(absent)
+        text = f"no {lacking} columns of {self.mechanism.name} recognised"
         return (
             f"{text}; unclear: {listed(asked)}; name them under log" if asked else text
         )
