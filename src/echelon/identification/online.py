@@ -196,8 +196,8 @@ class OnlineEstimator:
             If shapes do not fit, or a value is not finite; then nothing has changed.
         """
         states = zip(STATE, (q, qd, qdd), strict=True)
-        samples = (np.atleast_2d(real_array(name, array)) for name, array in states)
-        rows = self.base.regressor(*samples, symbols, inputs)
+        q, qd, qdd = (np.atleast_2d(real_array(name, array)) for name, array in states)
+        rows = self.base.regressor(q, qd, qdd, symbols, inputs)
         measured = np.atleast_2d(real_array("y", y))
         if measured.shape != rows.shape[:2]:
             raise InputError(
