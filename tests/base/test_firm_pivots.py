@@ -106,7 +106,7 @@ def test_a_preference_that_makes_coefficients_huge_gives_way() -> None:
     base = ec.base_parameters(robot, prefer=["M2"], budget=0)
     assert base.largest_coefficient is not None
     assert base.largest_coefficient < LARGEST_COEFFICIENT
-    assert any("in place of M2" in note for note in base.reading.notes)
+    assert any("MX1 replace M2" in note for note in base.reading.notes)
     assert base.rank == ec.base_parameters(robot).rank
 
 

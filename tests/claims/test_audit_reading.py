@@ -187,9 +187,10 @@ def test_command(tmp_path: Path) -> None:
     done = run("audit", RX90_FILE, str(file), "--define", "nonsense")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    done = run("audit", RX90_FILE, str(file), "-o", str(tmp_path / "report.txt"))
-    assert (done.returncode, done.stdout) == (1, "")
-    assert (tmp_path / "report.txt").read_text().startswith("rx90: INCOMPLETE")
+    report = tmp_path / "report.txt"
+    done = run("audit", RX90_FILE, str(file), "-o", str(report))
+    assert (done.returncode, done.stdout) == (1, f"wrote {report}\n")
+    assert report.read_text().startswith("rx90: INCOMPLETE")
     file.write_text("XX1 + Q7*M2\n")
     done = run("audit", RX90_FILE, str(file))
     assert done.returncode == 2

@@ -82,12 +82,12 @@ from echelon.shared.record_schemas import file_schema as file_schema
 from echelon.shared.record_schemas import schema_of as schema_of
 from echelon.shared.records import AfterValidator as AfterValidator
 from echelon.shared.records import BeforeValidator as BeforeValidator
-from echelon.shared.records import Bounds as Bounds
 from echelon.shared.records import Discriminator as Discriminator
 from echelon.shared.records import PlainValidator as PlainValidator
 from echelon.shared.records import Record as Record
 from echelon.shared.records import Tag as Tag
 from echelon.shared.records import UnfitError as UnfitError
+from echelon.shared.records import Within as Within
 from echelon.shared.records import WithJsonSchema as WithJsonSchema
 from echelon.shared.records import kind_of as kind_of
 from echelon.shared.records import model_check as model_check

@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from echelon.shared.inputs import plain_data, published_schema
 from echelon.shared.records import (
     BeforeValidator,
-    Bounds,
     Discriminator,
     Field,
     Record,
+    Within,
     WithJsonSchema,
     record_of_type,
 )
@@ -141,7 +141,7 @@ def _annotated(kind: Any, marks: Any, defined: dict[str, Any]) -> dict[str, Any]
     if any(isinstance(mark, Discriminator) for mark in marks):
         return {"oneOf": schema["anyOf"]}
     for mark in marks:
-        if isinstance(mark, Bounds):
+        if isinstance(mark, Within):
             schema |= {_RULES[name]: bound for name, bound in mark.rules.items()}
     return schema
 

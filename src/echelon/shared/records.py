@@ -38,7 +38,7 @@ Check = Callable[[Any], Any]
 
 
 class UnfitError(ValueError):
-    """What is wrong with a value, and where it is in the document."""
+    """An error in a value of a document, with its place."""
 
     def __init__(
         self, problem: str, *, unknown: str | None = None, missing: str | None = None
@@ -118,7 +118,7 @@ _BOUNDS: dict[str, tuple[str, Callable[[Any, Any], bool]]] = {
 }
 
 
-class Bounds:
+class Within:
     """Bounds of a number (gt, ge, lt, le), or of how many entries a list has (min_length, max_length)."""
 
     def __init__(self, **rules: float) -> None:
@@ -198,7 +198,7 @@ def _annotated(kind: Any, *marks: Any) -> Check:
     choice = next((mark for mark in marks if isinstance(mark, Discriminator)), None)
     check = check_of(kind) if choice is None else _chosen(kind, choice)
     for mark in marks:
-        if isinstance(mark, BeforeValidator | PlainValidator | AfterValidator | Bounds):
+        if isinstance(mark, BeforeValidator | PlainValidator | AfterValidator | Within):
             check = mark.around(check)
     return check
 

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 from echelon.base.reading_report import ReadingReport
 from echelon.base.stated_values import SpecialValues
 from echelon.shared import (
-    Bounds,
     PlainValidator,
     Record,
     UnfitError,
+    Within,
     WithJsonSchema,
     optional,
     required,
@@ -22,7 +22,7 @@ from echelon.shared import (
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
 
 Value = Annotated[
-    float, Bounds(ge=-1e100, le=1e100)
+    float, Within(ge=-1e100, le=1e100)
 ]  # a parameter whose products still have doubles
 
 
@@ -63,7 +63,7 @@ class CertificateRecord(Record):
     """Evidence; see the documentation of the certificate."""
 
     rank: int
-    seed: Annotated[int, Bounds(ge=0)]
+    seed: Annotated[int, Within(ge=0)]
     minor_prime: int = required("0 for a minor in ball arithmetic.")
     minor_states: int
     identity_primes: tuple[Prime, ...] = required("81-bit primes as decimal text.")
@@ -74,10 +74,10 @@ class CertificateRecord(Record):
     )
     regions: int = optional(0, "Regions of signs that were visited; 0 without signs.")
     regions_note: str = ""
-    rounding: Annotated[float, Bounds(ge=0)] = optional(
+    rounding: Annotated[float, Within(ge=0)] = optional(
         0, "With loops, the last decimal of the file to which the set holds."
     )
-    other_values: Annotated[int, Bounds(ge=0)] = optional(
+    other_values: Annotated[int, Within(ge=0)] = optional(
         0, "In ball arithmetic, other values at which formulas were checked."
     )
     closed: bool = optional(
@@ -110,7 +110,7 @@ class NumbersRecord(Record):
     at: dict[str, str] = required(
         "Values of the symbols that they are true at; radians for angles."
     )
-    radius: Annotated[float, Bounds(ge=0)] = required(
+    radius: Annotated[float, Within(ge=0)] = required(
         "Largest error of a coefficient; 0 where they are exact."
     )
     rounded: bool = optional(
@@ -124,7 +124,7 @@ class BaseModelRecord(Record):
     schema: Literal["echelon.base-model/1"]
     echelon: str = required("Version that wrote the file.")
     name: str
-    seed: Annotated[int, Bounds(ge=0)]
+    seed: Annotated[int, Within(ge=0)]
     rank: int
     outputs: list[str] = required("Measured generalised forces, the rows of X.")
     parameters: list[str] = required("Standard parameters, the columns of X and B.")
@@ -156,7 +156,7 @@ class LinearBaseRecord(Record):
     schema: Literal["echelon.linear-base/1"]
     echelon: str = required("Version that wrote the file.")
     name: str
-    seed: Annotated[int, Bounds(ge=0)]
+    seed: Annotated[int, Within(ge=0)]
     rank: int
     outputs: list[str] = required("The rows of X.")
     order: list[str] = required("Column order for which B is in reduced echelon form.")

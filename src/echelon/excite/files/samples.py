@@ -32,12 +32,12 @@ from echelon.excite.problem.trajectory import (
 from echelon.identification import decoding, open_log, read_table
 from echelon.shared import (
     BeforeValidator,
-    Bounds,
     Floats,
     InputError,
     PlainValidator,
     Record,
     UnfitError,
+    Within,
     extra,
     in_quotes,
     kind_of,
@@ -380,8 +380,8 @@ _Whole = Annotated[int, PlainValidator(partial(_read, int, "a whole number"))]
 
 
 class _Stamp(Record):
-    sec: Annotated[_Whole, Bounds(ge=_INT32.min, le=_INT32.max)]
-    nanosec: Annotated[_Whole, Bounds(ge=0, lt=_NANO)]
+    sec: Annotated[_Whole, Within(ge=_INT32.min, le=_INT32.max)]
+    nanosec: Annotated[_Whole, Within(ge=0, lt=_NANO)]
 
 
 class _Point(Record):

@@ -40,13 +40,13 @@ from echelon.excite.problem.trajectory import (
 )
 from echelon.identification import existing_file
 from echelon.shared import (
-    Bounds,
     Discriminator,
     Floats,
     InputError,
     Record,
     Tag,
     UnfitError,
+    Within,
     locating,
     nearest_of,
     one_line,
@@ -80,7 +80,7 @@ EXPLANATION = (
     "accelerations and jerks are the derivatives of the same formula."
 )
 
-Length = Annotated[float, Bounds(ge=DURATIONS[0], le=DURATIONS[1])]
+Length = Annotated[float, Within(ge=DURATIONS[0], le=DURATIONS[1])]
 
 
 class FourierCoefficients(Record):
@@ -97,7 +97,7 @@ class FourierRecord(Record):
     family: Literal["fourier"]
     meaning: str = FOURIER
     duration: Length = required("The period, s.")
-    harmonics: Annotated[int, Bounds(ge=1)]
+    harmonics: Annotated[int, Within(ge=1)]
     coefficients: dict[str, FourierCoefficients] = required("By coordinate.")
 
 
@@ -106,7 +106,7 @@ class SplinesRecord(Record):
 
     family: Literal["splines"]
     meaning: str = SPLINES
-    degree: Annotated[int, Bounds(ge=5)]
+    degree: Annotated[int, Within(ge=5)]
     knots: list[float] = required(
         "s; the first, 0, and the last, the duration, occur degree + 1 times, the others once."
     )
@@ -120,7 +120,7 @@ class SumRecord(Record):
 
     family: Literal["sum"]
     meaning: str = SUM
-    parts: Annotated[list[Motion], Bounds(min_length=1)]
+    parts: Annotated[list[Motion], Within(min_length=1)]
 
 
 def _family(value: Any) -> str:
@@ -151,7 +151,7 @@ class TrajectoryRecord(Record):
 
     echelon_trajectory: Literal[1] = required("Version of this format.")
     explanation: str = EXPLANATION
-    coordinates: Annotated[list[str], Bounds(min_length=1)] = required(
+    coordinates: Annotated[list[str], Within(min_length=1)] = required(
         "Names, each once."
     )
     units: list[Literal["rad", "m"]] = required("Of each coordinate.")

@@ -554,9 +554,7 @@ def _unreadable(notes: Sequence[str]) -> str:
     first = notes[0].removeprefix("left out: ").removesuffix(f"; {STAND_IN}")
     others = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
     ways = "unreadable: boxes (boxes of the inertias replace the links), or none (not checked)"
-    return (
-        f"{first}{others}; convert meshes of other formats, add shapes under collisions, or write there {ways}"
-    )
+    return f"{first}{others}; convert meshes of other formats, add shapes under collisions, or write there {ways}"
 
 
 def _random_poses(

@@ -23,12 +23,12 @@ from echelon.formats.schema.schema_types import (
 from echelon.formats.snapping import NOT_FINITE
 from echelon.shared import (
     BeforeValidator,
-    Bounds,
     Family,
     Optimality,
     PlainValidator,
     UnfitError,
     Unreadable,
+    Within,
     WithJsonSchema,
     kind_of,
     model_check,
@@ -118,10 +118,10 @@ def _one_or_each(item: dict[str, Any]) -> WithJsonSchema:
     )
 
 
-Positive = Annotated[Number, Bounds(gt=0)]
-NotNegative = Annotated[Number, Bounds(ge=0)]
-Count = Annotated[Whole, Bounds(ge=1)]
-Limit = Annotated[float, PlainValidator(_limit), Bounds(gt=0)]
+Positive = Annotated[Number, Within(gt=0)]
+NotNegative = Annotated[Number, Within(ge=0)]
+Count = Annotated[Whole, Within(ge=1)]
+Limit = Annotated[float, PlainValidator(_limit), Within(gt=0)]
 Range = Annotated[
     tuple[float, float],
     PlainValidator(_range),
@@ -168,7 +168,7 @@ class LimitsEntry(Model):
     effort: Limits = optional(
         {}, f"Largest torque or force, N·m or N: {_WHOSE}", {"j1": 87}
     )
-    scale: Annotated[Number, Bounds(gt=0, le=1)] = optional(
+    scale: Annotated[Number, Within(gt=0, le=1)] = optional(
         1.0,
         "Share of the robot file's limits that is used; those stated here hold as they are.",
         0.8,
@@ -305,7 +305,7 @@ class ExcitationEntry(Model):
     limits: LimitsEntry = optional(
         LimitsEntry.model_construct(), "What the robot can do."
     )
-    effort_margin: Annotated[Number, Bounds(ge=0, lt=1)] = optional(
+    effort_margin: Annotated[Number, Within(ge=0, lt=1)] = optional(
         0.1, "Share of the effort limits kept free for errors of the prior model.", 0.2
     )
     model: Name | None = optional(
@@ -330,7 +330,7 @@ class ExcitationEntry(Model):
     starts: Count = optional(
         4, "Random starts of the optimisation; the best result counts.", 8
     )
-    seed: Annotated[Whole, Bounds(ge=0)] = optional(2015, "Of the random starts.", 1)
+    seed: Annotated[Whole, Within(ge=0)] = optional(2015, "Of the random starts.", 1)
     iterations: Count = optional(500, "Steps of the solver in each start, at most.", 50)
     budget: Positive = optional(
         40.0,

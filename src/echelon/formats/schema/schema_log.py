@@ -17,12 +17,12 @@ from echelon.formats.schema.schema_types import (
 from echelon.shared import (
     AfterValidator,
     BeforeValidator,
-    Bounds,
     Criterion,
     Estimator,
     Tag,
     UnfitError,
     ValuesToUse,
+    Within,
     WithJsonSchema,
     model_check,
     optional,
@@ -62,7 +62,7 @@ def _listed(value: object) -> object:
     return None if value is None or value == "auto" else _stages(value)
 
 
-Positive = Annotated[Real, Bounds(gt=0)]
+Positive = Annotated[Real, Within(gt=0)]
 Bound = Annotated[tuple[Real, Real], AfterValidator(_range)]
 MassBound = Annotated[
     Bound, AfterValidator(lambda value: _range((max(value[0], 0.0), value[1])))
@@ -235,7 +235,7 @@ class PreparationEntry(Model):
     delays: dict[str, Real] | None = optional(
         None, "Lag of outputs behind positions, s.", {"j1": 0.002}
     )
-    trim: Annotated[Real, Bounds(ge=0)] = optional(
+    trim: Annotated[Real, Within(ge=0)] = optional(
         0.0, "Left out at both ends, s.", 0.5
     )
     rate: Positive | None = optional(None, "Resample to this rate, Hz.", 500)
@@ -292,7 +292,7 @@ class IdentificationEntry(Model):
     known: dict[str, Real] = optional(
         {}, "Base parameters with known values.", {"Ia1": 0.1}
     )
-    holdout: Annotated[Real, Bounds(ge=0, lt=1)] = optional(
+    holdout: Annotated[Real, Within(ge=0, lt=1)] = optional(
         0.3, "Share of each log kept for validation if no other log is given.", 0.3
     )
     physical: Flag = optional(True, "Fit a physically consistent robot as well.", False)
@@ -313,14 +313,16 @@ class IdentificationEntry(Model):
         {}, "Bounds on parameters.", {"Fv1": [0, 10]}
     )
     total_mass: MassBound | None = optional(
-        None, "Range of the mass of all bodies without loads of experiments, kg.", [12, 14]
+        None,
+        "Range of the mass of all bodies without loads of experiments, kg.",
+        [12, 14],
     )
     intervals: Literal["clustered", "classical"] = optional(
         "clustered",
         "Covariance from batches of time, which holds where residuals are not white, or the classical one.",
         "classical",
     )
-    level: Annotated[Real, Bounds(gt=0, lt=1)] = optional(
+    level: Annotated[Real, Within(gt=0, lt=1)] = optional(
         0.95, "Of confidence intervals.", 0.95
     )
 

@@ -21,12 +21,12 @@ from echelon.formats.snapping import NOT_FINITE
 from echelon.robot import ClosureKind
 from echelon.shared import (
     BeforeValidator,
-    Bounds,
     Discriminator,
     PlainValidator,
     Record,
     Tag,
     UnfitError,
+    Within,
     WithJsonSchema,
     kind_of,
     model_check,
@@ -118,7 +118,7 @@ Matrix = Annotated[
 ]
 Ten = Annotated[
     tuple[Expression, ...],
-    Bounds(min_length=10, max_length=10),
+    Within(min_length=10, max_length=10),
     sized(10, "a list of ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M"),
 ]
 Part = Annotated[

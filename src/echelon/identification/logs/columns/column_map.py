@@ -19,7 +19,7 @@ from echelon.identification.logs.columns.motion_sensors import (
 )
 from echelon.identification.logs.recording import Recording
 from echelon.robot import Actuator, Mechanism, Motion, MotionKind
-from echelon.shared import Bounds
+from echelon.shared import Within
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class ColumnMap:
     time: Channel | None = (
         None  # time stamps; omitted where columns bring their own clocks, or the rate is given
     )
-    rate: Annotated[float, Bounds(gt=0)] | None = (
+    rate: Annotated[float, Within(gt=0)] | None = (
         None  # samples per second of a log without time stamps
     )
     positions: Mapping[str, Channel] = field(default_factory=dict)
