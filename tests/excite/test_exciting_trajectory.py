@@ -461,7 +461,7 @@ def test_torque_limits_without_a_prior_model_are_refused() -> None:
 def test_changes_are_checked_like_the_section(tmp_path: Path) -> None:
     file = arm(tmp_path, "")
     assert re.search(
-        r"excitation\.criterion: .*'condition'", refusal(file, criterion="c_optimal")
+        r"excitation\.criterion: .*condition\)", refusal(file, criterion="c_optimal")
     )
     assert re.search(
         r"excitation: unknown key; did you mean 'duration'", refusal(file, durations=3)

@@ -95,7 +95,7 @@ def audit(
     >>> ec.audit(robot, claims).verdict
     <Verdict.EQUAL: 'equal'>
     >>> print(ec.audit(robot, ["ZZ1 + l1*M2", *claims[1:]]).findings[0].differences[0])
-    M2 has the coefficient l1 instead of l1^2
+    M2 has the coefficient l1 = 0.3 instead of l1^2 = 0.09
     """
     base = base_of(model)
     source = os.fspath(claims) if isinstance(claims, str | os.PathLike) else None

@@ -92,7 +92,7 @@ def with_logs(
 def _as_logged(setup: Setup, paths: Sequence[Path]) -> Setup:
     """The set-up without outputs of which no log has the column.
 
-    Where none has any, or a name may be misspelt, reading a log says so.
+    Where none has any, positions are missing too, or a name may be misspelt, reading a log says so.
     """
     columns = {name for path in paths for name in opened(path).names}
     stated = [pair for some in setup.columns for pair in some.outputs.items()]
@@ -102,7 +102,12 @@ def _as_logged(setup: Setup, paths: Sequence[Path]) -> Setup:
     used = {channel.column for group in groups for channel in group.values()}
     outputs = {output.reads or output.name for output in setup.mechanism.outputs}
     is_misspelt = any(nearest_word(column, columns - used) for column in lost.values())
-    if not lost or not there or not lost.keys() <= outputs or is_misspelt:
+    moves = any(
+        {channel.column for channel in some.positions.values()} <= columns
+        for some in setup.columns
+    )
+    is_clear = moves and there and lost.keys() <= outputs and not is_misspelt
+    if not lost or not is_clear:
         return setup
     texts = [
         f"no log has the column '{column}': {_consequence(name)}"

@@ -366,10 +366,14 @@ class MemoryLog(_Path):
     def of(cls, samples: Any) -> MemoryLog:
         """Samples with a name made from their content."""
         columns = _by_name(samples)
-        for name, values in columns.items():
-            if isinstance(values, str | os.PathLike):
-                text = f"a dict holds samples by column, and '{name}' is a path: give paths in a list, or by the names of "
-                raise InputError(f"{text}experiments")
+        paths = [
+            k for k, some in columns.items() if isinstance(some, str | os.PathLike)
+        ]
+        if len(paths) == len(columns):
+            raise InputError(
+                f"it holds no arrays of numbers with a row per sample, and '{paths[-1]}' is a path: give paths in a list, "
+                "or by the names of experiments"
+            )
         arrays = {str(name): _plain(values) for name, values in columns.items()}
         digest = hashlib.sha256()
         for name, values in arrays.items():
