@@ -109,3 +109,15 @@ def test_tiny_numbers_are_zero(text: str) -> None:
     assert any(
         "taken as zero" in note and "1e-114" in note for note in tiny.reading.notes
     )
+
+
+def test_a_description_lets_the_robot_of_a_file_float(files: tuple[Path, Path]) -> None:
+    urdf, added = files
+    added.write_text("{echelon: 1, robot: arm.urdf, floating_base: true}")
+    floating = ec.load(urdf, floating=True)
+    for stated in (ec.load(added), ec.load(added, floating=True)):
+        assert stated.positions == floating.positions
+        assert ec.base_parameters(stated).rank == ec.base_parameters(floating).rank
+    added.write_text("{echelon: 1, robot: arm.urdf, couplings: [{j2: j1}]}")
+    with pytest.raises(ec.InputError, match="leave couplings out"):
+        ec.load(added)

@@ -613,11 +613,10 @@ def add_to_file(
 ) -> Built:
     """A robot file with what a description adds to it."""
     assert robot.robot is not None
-    for key in ("floating_base", "couplings"):
-        if key in robot.model_fields_set:
-            raise document.error(
-                key, "belongs to the geometry, which is that of the robot file"
-            )
+    if "couplings" in robot.model_fields_set:
+        problem = "the robot file states how coordinates depend on others, such as mimic joints: leave couplings out"
+        raise document.error("couplings", problem)
+    options = replace(options, floating=options.floating or robot.floating_base)
     if (
         "gravity" in robot.model_fields_set and options.gravity == "file"
     ):  # how the robot is mounted
