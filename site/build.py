@@ -62,6 +62,8 @@ REFERENCE = {
     "robots": ("Experiments, drives and inertias", r"robot\."),
     "setups": ("Set-ups and estimates", r"identification\.(setup|estimators)"),
     "loads": ("Payloads, gains and servos", r"identification\.(gains|payload|servos)"),
+    "online": ("Estimation while the robot moves", r"identification\.online"),
+    "models": ("Identified models", r"identification\.(saved|predict|result)"),
     "identify": ("Identification", r"identification\."),
     "trajectories": ("Trajectories and their files", r"excite\.(files|problem)"),
     "excite": ("Exciting trajectories", r"excite\."),
