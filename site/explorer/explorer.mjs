@@ -17,6 +17,7 @@ let robots = {}; // of the list, each with its pages in the zoo
 let shown = null; // the answer on the page
 let answers = 0; // on the page, errors among them
 let arm = null;
+const SENSORS = ["file", "joints", "base"]; // beside the links whose wrench is measured
 let since = null; // seconds of the visit until Echelon could answer
 let editor;
 
@@ -132,12 +133,12 @@ function showChoices() {
   byId("gravity").value = stated ? changes.gravity : "own";
   byId("own-gravity").hidden = stated;
   if (!stated) byId("vector").value = changes.gravity;
-  byId("sense-file").checked = !changes.sensors.length;
+  byId("sense-file").checked = !changes.sensors.length || changes.sensors.includes("file");
   byId("sense-joints").checked = changes.sensors.includes("joints");
   byId("sense-base").checked = changes.sensors.includes("base");
   byId("order").value = changes.order;
   const { links = [], joints = [], lengths = [] } = shown ?? {};
-  const wrist = changes.sensors.find((name) => name !== "joints" && name !== "base") ?? "";
+  const wrist = changes.sensors.find((name) => !SENSORS.includes(name)) ?? "";
   for (const [id, link] of [["wrist", wrist], ["payload", changes.payload]]) {
     fill(byId(id), [option("", "no link"), ...links.map((name) => option(name))]).value = link;
   }
@@ -171,7 +172,7 @@ function words({ gravity, locked, payload, sensors }) {
   const said = [gravity === "file" ? "as mounted" : `gravity ${gravity}`];
   if (locked.length) said.push(`${locked.join(", ")} held`);
   if (payload) said.push(`payload on ${payload}`);
-  if (sensors.length) said.push(sensors.join(", "));
+  if (sensors.length) said.push(sensors.map((name) => (name === "file" ? "sensors of the file" : name)).join(", "));
   return said.join("; ");
 }
 
@@ -182,16 +183,15 @@ function keep() {
 }
 
 function wire() {
-  const sensed = () => [
-    ...["joints", "base"].filter((name) => byId(`sense-${name}`).checked),
-    ...[byId("wrist").value].filter(Boolean),
-  ];
+  const sensed = () => {
+    const chosen = [...SENSORS.filter((name) => byId(`sense-${name}`).checked), byId("wrist").value].filter(Boolean);
+    return chosen.length === 1 && chosen[0] === "file" ? [] : chosen;
+  };
   byId("choice").onchange = () => choose({ robot: byId("choice").value });
   byId("floating").onchange = ({ target }) => set({ floating: target.checked });
   byId("gravity").onchange = ({ target }) => set({ gravity: target.value === "own" ? "0,0,-9.80665" : target.value });
   byId("vector").onchange = ({ target }) => set({ gravity: target.value || "none" });
-  byId("sense-file").onchange = () => set({ sensors: [] });
-  for (const id of ["sense-joints", "sense-base", "wrist"]) byId(id).onchange = () => set({ sensors: sensed() });
+  for (const id of [...SENSORS.map((name) => `sense-${name}`), "wrist"]) byId(id).onchange = () => set({ sensors: sensed() });
   byId("payload").onchange = ({ target }) => set({ payload: target.value });
   byId("order").onchange = ({ target }) => set({ order: target.value });
   byId("equate").onclick = () => {

@@ -49,9 +49,8 @@ class Changes:
     ] = ()  # pairs of lengths, the second set to the first
     locked: tuple[str, ...] = ()  # coordinates held at zero
     payload: str = ""  # the link that carries a payload
-    sensors: tuple[
-        str, ...
-    ] = ()  # "joints", "base", names of links whose wrench is measured; none for the file's
+    # "file" for the file's own, "joints", "base", names of links whose wrench is measured; the file's if none
+    sensors: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()  # kinds of effects in every drive
     order: str = "base-to-tip"
     prefer: tuple[str, ...] = ()  # parameters or kinds wanted as representatives
@@ -239,10 +238,14 @@ def _link(robot: Mechanism, name: str) -> int:
 
 
 def _with_sensors(robot: Mechanism, sensors: Sequence[str]) -> Mechanism:
-    """With other outputs: of the drives, under the base, at links; a floating base feels the wrench of its joint."""
+    """With other outputs: the file's, of the drives, under the base, at links.
+
+    A floating base feels the wrench of its joint.
+    """
     every = replace(robot, measured=None)
     free = _base_coordinates(robot)
     own = {
+        "file": list(robot.outputs),
         "joints": [output for output in every.outputs if output.name not in free],
         "base": [output for output in every.outputs if output.name in free]
         or list(_wrench("base", GROUND)),
@@ -252,12 +255,12 @@ def _with_sensors(robot: Mechanism, sensors: Sequence[str]) -> Mechanism:
         for name in sensors
         if name not in own
     }
-    chosen = [
+    chosen = dict.fromkeys(
         output
         for name, some in {**own, **links}.items()
         if name in sensors
         for output in some
-    ]
+    )
     return (
         every
         if set(chosen) == set(every.outputs)

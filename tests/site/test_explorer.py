@@ -101,6 +101,7 @@ EDITS: dict[str, tuple[Answer, Callable[[Answer], None]]] = {
     "a payload": ({"payload": "j7"}, _with_payload),
     "the wrench under the base": ({"sensors": ["base"]}, _on_the_base),
     "joints and wrist": ({"sensors": ["joints", "j7"]}, _at_the_wrist),
+    "a wrist beside the file's": ({"sensors": ["file", "j7"]}, _at_the_wrist),
     "friction and rotors": ({"effects": ["viscous", "rotor_inertia"]}, _with_friction),
 }
 OPTIONS: dict[str, tuple[Answer, list[str]]] = {
@@ -321,8 +322,9 @@ CLICKS: dict[str, list[Step]] = {
         ("click", "#equate"),
     ],
     "a payload": [("choose", "#payload", "j7")],
-    "the wrench under the base": [("click", "#sense-base")],
+    "the wrench under the base": [("click", "#sense-base"), ("click", "#sense-file")],
     "joints and wrist": [("click", "#sense-joints"), ("choose", "#wrist", "j7")],
+    "a wrist beside the file's": [("choose", "#wrist", "j7")],
     "friction and rotors": [
         ("click", "#effects [data-name=viscous]"),
         ("click", "#effects [data-name=rotor_inertia]"),
