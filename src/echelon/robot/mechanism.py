@@ -23,6 +23,7 @@ from echelon.robot.impossible import warn_of_impossible
 from echelon.robot.joint import (
     GROUND,
     Body,
+    Joint,
     Motion,
     MotionKind,
     Placement,
@@ -286,6 +287,17 @@ class Mechanism:
     def velocities(self) -> tuple[str, ...]:
         """Names of the velocity coordinates that no coupling makes dependent, the columns of ``qd`` and ``qdd``."""
         return tuple(name for motion in self.free_motions for name in motion.velocities)
+
+    @cached_property
+    def floating_joints(self) -> tuple[Joint, ...]:
+        """Joints of floating bases, which have neither drives nor friction."""
+        return tuple(body.joint for body in self.bodies if body.joint.is_floating)
+
+    @cached_property
+    def floating_velocities(self) -> frozenset[str]:
+        """Names of the velocity coordinates of floating bases."""
+        motions = (motion for joint in self.floating_joints for motion in joint.motions)
+        return frozenset(name for motion in motions for name in motion.velocities)
 
     @property
     def independent_velocities(self) -> tuple[str, ...]:

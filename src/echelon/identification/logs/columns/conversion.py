@@ -18,7 +18,6 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from echelon.formats import floating_velocities
 from echelon.identification.logs.columns.column_map import (
     ORDERS,
     Channel,
@@ -307,10 +306,8 @@ def in_own_axes(
     found = signals["qd"].copy()
     if twist == "mixed":
         return found
-    for body in mechanism.bodies:
-        if body.joint.kind not in ("floating", "free"):
-            continue
-        *slides, ball = body.joint.motions
+    for joint in mechanism.floating_joints:
+        *slides, ball = joint.motions
         q = signals["q"][:, [mechanism.positions.index(n) for n in ball.positions]]
         q = q / np.linalg.norm(q, axis=1, keepdims=True)
         own = twist == "world"
@@ -523,7 +520,7 @@ def _solved(
 
 def unpushed(mechanism: Mechanism) -> list[str]:
     """Outputs of the floating base of a robot in contact, which no drive pushes."""
-    free = floating_velocities(mechanism) if mechanism.contacts else ()
+    free = mechanism.floating_velocities if mechanism.contacts else ()
     return [
         output.name
         for output in mechanism.outputs
