@@ -327,9 +327,11 @@ def _fitted(
         *contradictions(feasible, findings, plan.preparation.measured),
     ]
     findings += fit_findings(estimate, conditions, feasible, physical, validations)
-    judgement = overall_verdict(by_role(validations)[-1], facts)
+    gaps = [] if conditions.is_complete else [conditions.verdict]
+    judgement = overall_verdict(by_role(validations)[-1], facts, gaps)
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
     speeds = enumerated([found.speeds for found in ranges], "; ")
+    fitted = f"It was fitted up to {ranges[0].band:.3g} Hz: {speeds}."
     result = Identification(
         base=base,
         logs=tuple(map(str, fitted_logs)),
@@ -343,11 +345,7 @@ def _fitted(
         findings=limited(findings),
         predict_with=used,
         settings={**_record(setup, plan), "constants": list(map(asdict, constants))},
-        verdict=f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
-        reasons=(
-            *judgement.reasons,
-            *([] if conditions.is_complete else [conditions.verdict]),
-        ),
+        judgement=replace(judgement, remarks=(*judgement.remarks, fitted)),
         hypotheses=tuple(told),
         experiments=setup.experiments,
     )
