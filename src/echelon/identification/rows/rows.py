@@ -206,17 +206,10 @@ class ModelRows:
         room = np.empty((0, self.base.sparsity.shape[1]))
         for window in self._windows(samples):
             low, high = self._around(samples, window)
-            room = (
-                room
-                if high - low <= len(room)
-                else np.empty((high - low, room.shape[1]))
-            )
-            yield self._block(
-                samples,
-                window,
-                segment,
-                self._entries(samples, low, high, room[: high - low]),
-            )
+            if high - low > len(room):
+                room = np.empty((high - low, room.shape[1]))
+            entries = self._entries(samples, low, high, room[: high - low])
+            yield self._block(samples, window, segment, entries)
 
     def _widened(self, block: RowBlock, experiment: str) -> RowBlock:
         """Rows of an experiment among the outputs of all."""
@@ -275,11 +268,9 @@ class ModelRows:
     def projectors(self, samples: Samples, phases: Integers) -> Floats:
         """Matrices (N, outputs, outputs) that take unknown forces off the outputs of some samples."""
         outputs = self.own(samples).base.mechanism.outputs
-        unknown = np.zeros((len(samples), len(outputs)), dtype=bool)
-        if samples.pinned is not None:
-            unknown |= samples.pinned
-        if samples.moving is not None:
-            unknown |= ~samples.moving
+        unknown = samples.left_out
+        if unknown is None:
+            unknown = np.zeros((len(samples), len(outputs)), dtype=bool)
         found = np.empty((*unknown.shape, unknown.shape[1]))
         for k, part in enumerate(self.parts.values()):
             some = phases == k
@@ -306,14 +297,8 @@ class ModelRows:
                 part.q, part.qd, part.qdd, self.symbols, inputs_of_effects(part)
             )
             table = np.concatenate([regressor, y[low:high, :, None]], axis=2)
-            table = self.projectors(part, phases[low:high]) @ table
-            kept = np.arange(high - low)
-            if samples.reduction is not None:
-                kept = samples.reduction.kept(high - low)
-                table = samples.reduction.apply(table.reshape(high - low, -1)).reshape(
-                    len(kept), *table.shape[1:]
-                )
-            places = low + kept
+            table = samples.reduced(self.projectors(part, phases[low:high]) @ table)
+            places = np.arange(low, high, samples.factor)
             inside = (places >= max(start, samples.first)) & (places < stop)
             places = places[inside]
             rows = {}
@@ -358,8 +343,7 @@ class ModelRows:
     def _windows(samples: Samples, most: int = _WINDOW) -> Iterator[tuple[int, int]]:
         """Stretches of samples that rows are made of, before the overlap; they start where a row may stand."""
         stop, factor = samples.end, samples.factor
-        reach = 0 if samples.reduction is None else samples.reduction.reach
-        size = -(-max(most, _REACHES * reach) // factor) * factor
+        size = -(-max(most, _REACHES * samples.reach) // factor) * factor
         first = samples.first // factor * factor
         yield from (
             (start, min(start + size, stop)) for start in range(first, stop, size)
@@ -368,45 +352,31 @@ class ModelRows:
     @staticmethod
     def _around(samples: Samples, window: tuple[int, int]) -> tuple[int, int]:
         """The samples that the rows of a window depend on."""
-        reduction, (start, stop) = samples.reduction, window
-        margin = (
-            0
-            if reduction is None
-            else -(-reduction.reach // reduction.factor) * reduction.factor
-        )
+        start, stop = window
+        margin = -(-samples.reach // samples.factor) * samples.factor
         return max(start - margin, 0), min(stop + margin, len(samples))
 
     def _block(
         self, samples: Samples, window: tuple[int, int], segment: int, entries: Floats
     ) -> RowBlock:
         """Rows of the samples in a window, output by output."""
-        (start, stop), (low, high), reduction = (
-            window,
-            self._around(samples, window),
-            samples.reduction,
-        )
+        (start, stop), (low, high) = window, self._around(samples, window)
         assert samples.y is not None
-        y = samples.y[low:high]
-        kept = (
-            np.arange(high - low) if reduction is None else reduction.kept(high - low)
-        )
-        if reduction is not None:
-            entries, y = reduction.apply(entries), reduction.apply(y)
-        places = low + kept
+        entries, y = samples.reduced(entries), samples.reduced(samples.y[low:high])
+        places = np.arange(low, high, samples.factor)
         inside = (places >= max(start, samples.first)) & (places < stop)
         times = (samples.start + places[inside] / samples.rate,) * len(self._columns)
         matrices = tuple(entries[np.ix_(inside, columns)] for columns in self._columns)
         block = RowBlock(samples.source, segment, times, matrices, tuple(y[inside].T))
-        fitted = _fitted(samples, slice(low, high))
+        part = samples.cut(slice(low, high))
+        fitted = _rows_without(part, part.left_out)
         return block if fitted is None else block.taken(tuple(fitted[inside].T))
 
     def _entries(self, samples: Samples, low: int, high: int, out: Floats) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
-        q, qd, qdd = (
-            values[low:high] for values in (samples.q, samples.qd, samples.qdd)
-        )
-        inputs = {name: values[low:high] for name, values in samples.inputs.items()}
-        return self.base.regressor_entries(q, qd, qdd, self.symbols, inputs, out=out)
+        part = samples.cut(slice(low, high))
+        state = part.q, part.qd, part.qdd
+        return self.base.regressor_entries(*state, self.symbols, part.inputs, out=out)
 
     @cached_property
     def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:
@@ -419,14 +389,8 @@ class ModelRows:
     # -- factors -----------------------------------------------------------------------------------------------------
 
     def _fused(self, samples: Samples) -> Observation:
-        window = slice(samples.first, samples.stop)
-        state = {
-            name: values[window]
-            for name, values in samples.state.items()
-            if name != "inputs"
-        }
-        inputs = {name: values[window] for name, values in samples.inputs.items()}
-        return self.base.accumulate({**state, "inputs": inputs}, self.symbols)
+        counted = samples.cut(slice(samples.first, samples.stop))
+        return self.base.accumulate(counted.state, self.symbols)
 
     def _factors(self, samples: Samples) -> Iterator[Observation]:
         return (observed(self.layout, block) for block in self.blocks_of(samples, 0))
@@ -472,59 +436,34 @@ class Numbering:
 def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags | None]:
     """Times of rows, signals (rows, …) filtered like both sides, and which of them are fitted (rows, outputs)."""
     kept, inside = _kept(samples)
-    fitted = _fitted(samples, slice(None))
+    fitted = _rows_without(samples, samples.left_out)
     times = samples.start + kept[inside] / samples.rate
-    return (
-        times,
-        rows_filtered(samples, values),
-        None if fitted is None else fitted[inside],
-    )
+    filtered = rows_filtered(samples, values)
+    return times, filtered, None if fitted is None else fitted[inside]
 
 
 def rows_measured(samples: Samples) -> Flags | None:
     """Rows of whose samples hardly any is at a limit of its sensor, shape (rows, outputs); all if None."""
-    if samples.pinned is None:
-        return None
-    return _rows_without(samples, samples.pinned, slice(None))[_kept(samples)[1]]
+    measured = _rows_without(samples, samples.pinned)
+    return None if measured is None else measured[_kept(samples)[1]]
 
 
 def rows_filtered(samples: Samples, values: Floats) -> Floats:
     """Signals (samples, …) filtered like both sides, shape (rows, …)."""
-    reduced = values if samples.reduction is None else samples.reduction.apply(values)
-    return reduced[_kept(samples)[1]]
+    return samples.reduced(values)[_kept(samples)[1]]
 
 
 def _kept(samples: Samples) -> tuple[Integers, Flags]:
     """Samples that the filter of both sides leaves, and which of them are rows."""
-    kept = (
-        np.arange(len(samples))
-        if samples.reduction is None
-        else samples.reduction.kept(len(samples))
-    )
+    kept = np.arange(0, len(samples), samples.factor)
     return kept, (kept >= samples.first) & (kept < samples.end)
 
 
-def _fitted(samples: Samples, some: slice) -> Flags | None:
-    """Rows of some samples that are fitted, shape (rows, outputs); all if None."""
-    if samples.moving is None:
-        return (
-            None
-            if samples.pinned is None
-            else _rows_without(samples, samples.pinned, some)
-        )
-    left_out = (
-        ~samples.moving if samples.pinned is None else ~samples.moving | samples.pinned
-    )
-    return _rows_without(samples, left_out, some)
-
-
-def _rows_without(samples: Samples, left_out: Flags, some: slice) -> Flags:
-    """Rows of some samples to which those that are left out hardly contribute, shape (rows, outputs)."""
-    if samples.reduction is None:
-        return ~left_out[some]
-    return np.asarray(
-        np.abs(samples.reduction.apply(left_out[some].astype(float))) <= _UNKNOWN
-    )
+def _rows_without(samples: Samples, left_out: Flags | None) -> Flags | None:
+    """Rows of samples to which those that are left out hardly contribute, shape (rows, outputs); all if None."""
+    if left_out is None:
+        return None
+    return np.abs(samples.reduced(left_out.astype(float))) <= _UNKNOWN
 
 
 def observed(layout: Layout, block: RowBlock) -> Observation:
