@@ -42,6 +42,7 @@ from echelon.identification.signals.filters import INVERSE, turned
 from echelon.robot import (
     Force,
     Mechanism,
+    MotionKind,
     Output,
     Side,
     symbol_values,
@@ -308,10 +309,17 @@ def in_own_axes(
         return found
     for joint in mechanism.floating_joints:
         *slides, ball = joint.motions
+        if ball.kind is not MotionKind.BALL:
+            continue  # held upright, so that its axes are the world's
         q = signals["q"][:, [mechanism.positions.index(n) for n in ball.positions]]
         q = q / np.linalg.norm(q, axis=1, keepdims=True)
         own = twist == "world"
         moved = ball.velocities if own else [s.velocities[0] for s in slides]
+        if not moved:
+            continue
+        if len(moved) < 3:
+            problem = "velocities along the base's own axes are turned together: lock none of its translations, or all"
+            raise InputError(problem, element=f"velocity of '{joint.name}'")
         places = [mechanism.velocities.index(name) for name in moved]
         found[:, places] = turned(q * INVERSE if own else q, found[:, places])
     return found
