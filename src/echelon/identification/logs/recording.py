@@ -107,6 +107,11 @@ class Samples:
             return self.pinned
         return ~self.moving if self.pinned is None else ~self.moving | self.pinned
 
+    @property
+    def motion(self) -> tuple[Floats, Floats, Floats]:
+        """Positions, velocities and accelerations."""
+        return self.q, self.qd, self.qdd
+
     def cut(self, some: slice) -> Samples:
         """Some of the samples, with the clock and the ends still to be stated."""
         return replace(

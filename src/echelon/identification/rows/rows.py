@@ -199,7 +199,7 @@ class ModelRows:
             yield from self._free_blocks(samples, segment)
             return
         if own is not self:
-            for block in own.blocks_of(samples_alone(samples), segment):
+            for block in own.blocks_of(replace(samples, experiment=""), segment):
                 yield self._widened(block, samples.experiment)
             return
         # new memory for every window would take as long as its use
@@ -288,14 +288,12 @@ class ModelRows:
         return replace(samples, moving=None, pinned=None), T @ signals
 
     def _free_blocks(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
-        own, phases, y = self.own(samples), self.phases(samples), samples.y
+        phases, y = self.phases(samples), samples.y
         assert y is not None
         for start, stop in self._windows(samples, _FREE_WINDOW):
             low, high = self._around(samples, (start, stop))
             part = samples.cut(slice(low, high))
-            regressor = own.base.regressor(
-                part.q, part.qd, part.qdd, self.symbols, inputs_of_effects(part)
-            )
+            regressor = self._regressor(part)
             table = np.concatenate([regressor, y[low:high, :, None]], axis=2)
             table = samples.reduced(self.projectors(part, phases[low:high]) @ table)
             places = np.arange(low, high, samples.factor)
@@ -325,17 +323,17 @@ class ModelRows:
 
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
         """The outputs at all samples, before any filter; shape (N, outputs); without forces at contacts."""
-        own = self.own(samples)
         if self.base.mechanism.contacts:
-            q, qd, qdd = samples.q, samples.qd, samples.qdd
-            inputs = inputs_of_effects(samples)
-            regressor = own.base.regressor(q, qd, qdd, self.symbols, inputs)
-            return np.asarray(regressor @ np.asarray(values, dtype=float))
-        if own is not self:
-            return own.predict(samples_alone(samples), values)
-        return self.base.predict(
-            samples.q, samples.qd, samples.qdd, values, inputs=dict(samples.inputs)
-        )
+            return np.asarray(self._regressor(samples) @ np.asarray(values))
+        own, inputs = self.own(samples).base, samples.inputs
+        return own.predict(*samples.motion, values, self.symbols, inputs)
+
+    def _regressor(self, samples: Samples) -> Floats:
+        """The regressor of the experiment of some samples, shape (N, outputs, parameters), whatever touches."""
+        given = samples.inputs.items()
+        inputs = {name: some for name, some in given if not is_contact_input(name)}
+        own = self.own(samples).base
+        return own.regressor(*samples.motion, self.symbols, inputs)
 
     # -- windows -----------------------------------------------------------------------------------------------------
 
@@ -375,8 +373,8 @@ class ModelRows:
     def _entries(self, samples: Samples, low: int, high: int, out: Floats) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
         part = samples.cut(slice(low, high))
-        state = part.q, part.qd, part.qdd
-        return self.base.regressor_entries(*state, self.symbols, part.inputs, out=out)
+        motion, inputs = part.motion, part.inputs
+        return self.base.regressor_entries(*motion, self.symbols, inputs, out=out)
 
     @cached_property
     def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:
@@ -394,16 +392,6 @@ class ModelRows:
 
     def _factors(self, samples: Samples) -> Iterator[Observation]:
         return (observed(self.layout, block) for block in self.blocks_of(samples, 0))
-
-
-def samples_alone(samples: Samples) -> Samples:
-    """Samples as the model of their experiment takes them."""
-    return replace(samples, experiment="")
-
-
-def inputs_of_effects(samples: Samples) -> dict[str, Floats]:
-    """Inputs without those that say what touches."""
-    return {n: v for n, v in samples.inputs.items() if not is_contact_input(n)}
 
 
 def _projectors(
