@@ -192,9 +192,8 @@ def _completed(
     if not (drives or lifted) or not setup.usual:
         return setup, []
     said = [finding(some, lists_effects=lists, taken=True) for some in rotors]
-    said += (
-        [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
-    )
+    if lifted:
+        said.append(note("rotor", "", _ROTOR.format(", ".join(sorted(lifted)))))
     # a robot has geared drives or not; a rotor that cannot be told from zero does no harm
     return setup.with_robot(with_rotors), said
 

@@ -83,7 +83,8 @@ def reference(role: Roles, prior: npt.ArrayLike | None, mass: float = 1.0) -> Re
             continue
         fixed, finding = repaired(body, size, name)
         bodies.append(fixed)
-        findings += [finding] if finding else []
+        if finding:
+            findings.append(finding)
     return Reference(
         np.array(bodies).reshape(-1, PER_BODY),
         np.array(informed, dtype=bool),
@@ -274,7 +275,8 @@ def _mended(
     )
     for mend in (repaired, without_placeholder):
         values, finding = mend(values, size, name)
-        findings += [finding] if finding else []
+        if finding:
+            findings.append(finding)
     return values, findings
 
 
