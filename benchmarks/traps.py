@@ -30,14 +30,6 @@ from support.robot_files import robot_file  # noqa: E402
 from support.trap_logs import ROBOTS, TRAPS, judged, trap_log  # noqa: E402
 
 OUTPUT = ROOT / "benchmarks" / "results" / "traps.md"
-VERDICTS = {
-    "The model predicts every output well": "well",
-    "The model is usable": "usable",
-    "The model is poor": "poor",
-    "The model cannot be trusted": "not trusted",
-    "Do not use the model": "should not",
-    "No verdict": "nothing",
-}
 _TEXT = 110  # characters of a finding in a line
 
 
@@ -58,7 +50,7 @@ class Run:
     covered, parameters : int
         True base parameters within their intervals of 95 %, and all of them; 0 where the model cannot be right.
     verdict : str
-        What the verdict begins with, in a word.
+        The badge of the verdict.
     seconds : float
         Time of the processor.
     said : tuple of str
@@ -120,10 +112,6 @@ def run(trap: str, robot: str, seed: int) -> Run:
         )
     seconds = process_time() - begin
     wrong, (covered, count) = log.wrong(result), log.coverage(result) or (0, 0)
-    verdict = next(
-        (word for text, word in VERDICTS.items() if result.verdict.startswith(text)),
-        "other",
-    )
     said = [
         f"{'WRONG ' * (f in wrong)}{f.severity} {f.kind}: {f.text[:_TEXT]}"
         for f in judged(result)
@@ -139,7 +127,7 @@ def run(trap: str, robot: str, seed: int) -> Run:
         len(wrong),
         covered,
         count,
-        verdict,
+        result.judgement.badge,
         seconds,
         tuple(said),
         scored,
@@ -202,7 +190,7 @@ def page(runs: Sequence[Run], seeds: range) -> str:
     text = (
         f"{stated}.  Arms: {', '.join(robots)}; seeds {seeds.start} to {seeds.stop - 1}.  Of every trap: how often it "
         "is named and how often before all else, how many other causes are named, how many true base parameters are in "
-        "their intervals of 95 % where the model can have them, what verdicts begin with, and mean time."
+        "their intervals of 95 % where the model can have them, badges of verdicts, and mean time."
     )
     every = table(["trap", *head], [*traps, ["all", *counted(runs)]])
     return (

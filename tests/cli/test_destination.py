@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from echelon.cli.destination import MANIFEST
-from support.writing_commands import COMMANDS, OUTPUTS, call, contents, workplace
+from support.command_line import run
+from support.writing_commands import COMMANDS, OUTPUTS, contents, workplace
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_command_may_run_twice_but_edited_files_stay(folder: Path, name: str) -> None:
     before = contents(folder)
     for _ in range(2):
-        done = call(*COMMANDS[name])
+        done = run(*COMMANDS[name])
         assert (done.returncode, done.stderr) == (0, "")
         after = contents(folder)
         assert after.keys() - before.keys() == OUTPUTS[name]
@@ -31,7 +32,7 @@ def test_a_command_may_run_twice_but_edited_files_stay(folder: Path, name: str) 
     edited = sorted(OUTPUTS[name])[-1]
     with (folder / edited).open("ab") as stream:
         stream.write(b"mine\n")
-    refused = call(*COMMANDS[name])
+    refused = run(*COMMANDS[name])
     assert refused.returncode == 2
     assert (
         f"{edited}: the file exists and was not written by Echelon, or was changed since"
@@ -45,18 +46,18 @@ def test_a_command_may_run_twice_but_edited_files_stay(folder: Path, name: str) 
 def test_force_replaces(folder: Path, name: str) -> None:
     for file in OUTPUTS[name]:
         (folder / file).write_text("somebody's")
-    assert call(*COMMANDS[name]).returncode == 2
+    assert run(*COMMANDS[name]).returncode == 2
     assert {(folder / file).read_text() for file in OUTPUTS[name]} == {"somebody's"}
-    assert call(*COMMANDS[name], "--force").returncode == 0
+    assert run(*COMMANDS[name], "--force").returncode == 0
     assert "somebody's" not in {(folder / file).read_text() for file in OUTPUTS[name]}
-    assert call(*COMMANDS[name]).returncode == 0  # now they are the command's own
+    assert run(*COMMANDS[name]).returncode == 0  # now they are the command's own
 
 
 @pytest.mark.parametrize("name", sorted(OUTPUTS["identify"]))
 def test_a_set_is_refused_for_one_file_of_a_user(folder: Path, name: str) -> None:
     (folder / name).write_text("somebody's")
     before = contents(folder)
-    done = call(*COMMANDS["identify"])
+    done = run(*COMMANDS["identify"])
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(f"echelon: {name}: ")
     assert contents(folder) == before
@@ -65,7 +66,7 @@ def test_a_set_is_refused_for_one_file_of_a_user(folder: Path, name: str) -> Non
 def test_a_set_is_refused_for_a_directory_in_its_way(folder: Path) -> None:
     (folder / "identified.urdf").mkdir()
     before = contents(folder)
-    done = call(*COMMANDS["identify"], "--force")
+    done = run(*COMMANDS["identify"], "--force")
     assert (done.returncode, done.stderr) == (
         2,
         "echelon: identified.urdf: is a directory; name a file\n",
@@ -94,8 +95,8 @@ READ = {
 def test_inputs_stay(folder: Path, case: str) -> None:
     (folder / "link.yaml").symlink_to("slide.yaml")
     before = contents(folder)
-    assert call(*READ[case]).returncode == 2
-    assert call(*READ[case], "--force").returncode == 2
+    assert run(*READ[case]).returncode == 2
+    assert run(*READ[case], "--force").returncode == 2
     assert contents(folder) == before
 
 
@@ -117,47 +118,47 @@ OWN_INPUTS = {
 def test_even_an_output_stays_where_it_is_read(folder: Path, case: str) -> None:
     make, use, file = OWN_INPUTS[case]
     (folder / "setup.yaml").write_text("echelon: 1\nrobot: {file: identified.urdf}\n")
-    assert call(*make).returncode == 0
+    assert run(*make).returncode == 0
     before = contents(folder)
-    done = call(*use, "-o", file)
+    done = run(*use, "-o", file)
     assert (done.returncode, done.stderr.split("; ")[0]) == (
         2,
         f"echelon: {file}: this command reads the file",
     )
     assert contents(folder) == before
-    assert call(*use, "-o", file, "--force").returncode == 2
+    assert run(*use, "-o", file, "--force").returncode == 2
     assert contents(folder) == before
 
 
 def test_what_is_empty_or_moved_or_copied(folder: Path) -> None:
     (folder / "set.txt").touch()  # as mktemp makes it: nothing is lost
-    assert call(*COMMANDS["derive"]).returncode == 0
+    assert run(*COMMANDS["derive"]).returncode == 0
     shutil.copy(folder / "set.txt", folder / "copy.txt")  # a copy is its owner's
-    assert call("derive", "slide.yaml", "-o", "copy.txt").returncode == 2
+    assert run("derive", "slide.yaml", "-o", "copy.txt").returncode == 2
     os.replace(folder / "copy.txt", folder / "set.txt")  # the same as before
-    assert call(*COMMANDS["derive"]).returncode == 0
+    assert run(*COMMANDS["derive"]).returncode == 0
 
 
 def test_options_may_change_between_runs(folder: Path) -> None:
     for form in ("text", "json", "latex", "text"):
         assert (
-            call("derive", "slide.yaml", "--format", form, "-o", "set").returncode == 0
+            run("derive", "slide.yaml", "--format", form, "-o", "set").returncode == 0
         )
     assert (folder / "set").read_text().startswith("slide: 2 base parameters")
 
 
 @pytest.mark.parametrize("damage", [b"\xff\x00garbage", b"[]", b""])
 def test_without_a_manifest_files_are_a_users(folder: Path, damage: bytes) -> None:
-    assert call(*COMMANDS["derive"]).returncode == 0
+    assert run(*COMMANDS["derive"]).returncode == 0
     (folder / MANIFEST).write_bytes(damage)
-    assert call(*COMMANDS["derive"]).returncode == 2
-    assert call(*COMMANDS["derive"], "--force").returncode == 0
-    assert call(*COMMANDS["derive"]).returncode == 0
+    assert run(*COMMANDS["derive"]).returncode == 2
+    assert run(*COMMANDS["derive"], "--force").returncode == 0
+    assert run(*COMMANDS["derive"]).returncode == 0
 
 
 def test_a_manifest_lists_outputs_of_all_commands(folder: Path) -> None:
     for name in ("derive", "generate"):
-        assert call(*COMMANDS[name]).returncode == 0
+        assert run(*COMMANDS[name]).returncode == 0
     listed = json.loads((folder / MANIFEST).read_text())
     assert listed.keys() == OUTPUTS["derive"] | OUTPUTS["generate"]
 
@@ -166,6 +167,6 @@ def test_a_link_leads_to_the_manifest_of_its_file(folder: Path) -> None:
     (folder / "kept").mkdir()
     (folder / "set.txt").symlink_to("kept/set.txt")
     for _ in range(2):
-        assert call(*COMMANDS["derive"]).returncode == 0
+        assert run(*COMMANDS["derive"]).returncode == 0
     assert list(json.loads((folder / "kept" / MANIFEST).read_text())) == ["set.txt"]
     assert not (folder / MANIFEST).exists()

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import re
 import subprocess
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, get_args
 
@@ -17,7 +14,6 @@ import pytest
 
 import echelon as ec
 from echelon.cli import excite_commands
-from echelon.cli.commands import run as main
 from echelon.cli.destination import MANIFEST
 from echelon.excite.files.trajectory_file import SUFFIXES
 from echelon.formats.schema.schema_excite import ExcitationEntry
@@ -52,22 +48,6 @@ def setup_file(folder: Path, speed: float = 3.0) -> Path:
     return file
 
 
-def call(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """The command in this process, which saves the time that imports take."""
-    out, err, code = io.StringIO(), io.StringIO(), 0
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        redirect_stdout(out),
-        redirect_stderr(err),
-    ):
-        patch.setattr(sys, "argv", ["echelon", *map(str, arguments)])
-        try:
-            main()
-        except SystemExit as ended:
-            code = int(ended.code or 0)
-    return subprocess.CompletedProcess([], code, out.getvalue(), err.getvalue())
-
-
 Made = tuple[Path, Path, "subprocess.CompletedProcess[str]"]
 
 
@@ -93,7 +73,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 def judged(*arguments: object) -> tuple[int, dict[str, Any]]:
-    done = call("check-trajectory", *arguments, "--json")
+    done = run("check-trajectory", *arguments, "--json")
     assert done.stderr == ""
     return done.returncode, json.loads(done.stdout)
 
@@ -195,7 +175,7 @@ def test_options_replace_the_section(tmp_path: Path) -> None:
     file = setup_file(tmp_path)
     file.write_text(file.read_text().replace("{j1: 12, j2: 5}", "12"), encoding="utf-8")
     options = "--duration 4 --family bspline --segments 6 --criterion condition --seed 3 --iterations 20 --move j2"
-    done = call("excite", str(file), *options.split(), "--json")
+    done = run("excite", str(file), *options.split(), "--json")
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
     assert document["coordinates"] == ["j2"]
@@ -235,7 +215,7 @@ def test_every_written_format_is_judged_safe_with_the_same_condition(
 
 def test_broken_limits_are_named_with_exit_code_1(made: Made, tmp_path: Path) -> None:
     tight = setup_file(tmp_path, 2.0)
-    done = call(
+    done = run(
         "check-trajectory",
         str(tight),
         str(made[1] / "trajectory.csv"),
@@ -261,7 +241,7 @@ def test_broken_limits_are_named_with_exit_code_1(made: Made, tmp_path: Path) ->
 
 def test_repeats_of_a_periodic_motion(made: Made, tmp_path: Path) -> None:
     file, *_ = made
-    done = call(
+    done = run(
         "excite",
         str(file),
         "-o",
@@ -305,8 +285,8 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
     )
     arguments = "excite", str(file), "--iterations", "20", "--json"
     plain, done = (
-        call(*arguments),
-        call(*arguments, "--prior-log", str(tmp_path / "log.csv")),
+        run(*arguments),
+        run(*arguments, "--prior-log", str(tmp_path / "log.csv")),
     )
     assert done.returncode == 0, done.stderr
     assert (plain.returncode, done.stderr) == (0, "")
@@ -316,7 +296,7 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
     assert second["motion"] != first["motion"]
     deviations = first["standard_deviations"], second["standard_deviations"]
     assert deviations[0].keys() == deviations[1].keys()
-    held = call(*arguments, "--prior-log", str(tmp_path / "log.csv"), "--move", "j1")
+    held = run(*arguments, "--prior-log", str(tmp_path / "log.csv"), "--move", "j1")
     assert held.returncode in (0, 2)
     assert "Traceback" not in held.stderr
 
@@ -336,7 +316,7 @@ def test_choices_are_those_of_the_section() -> None:
 
 
 def refused(*arguments: object) -> str:
-    done = call(*arguments)
+    done = run(*arguments)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stdout == ""
     assert "Traceback" not in done.stderr
@@ -390,7 +370,7 @@ def test_a_gain_of_the_drives_does_not_enter_the_design(tmp_path: Path) -> None:
     file.write_text(
         file.read_text() + "effects: [{type: drive_gain, at: all}]\n", encoding="utf-8"
     )
-    done = call("excite", str(file), "--iterations", "20", "--json")
+    done = run("excite", str(file), "--iterations", "20", "--json")
     assert done.returncode in (0, 2)
     assert "Traceback" not in done.stderr
     if done.returncode:
@@ -458,6 +438,6 @@ def test_limits_that_nothing_can_reach(tmp_path: Path) -> None:
     limits = "{position: [-1, 1], velocity: 2, acceleration: 20}"
     entry = f"excitation: {{duration: 2, starts: 1, family: fourier, harmonics: 1, limits: {limits}}}\n"
     (tmp_path / "slide.yaml").write_text(text + entry)
-    done = call("excite", tmp_path / "slide.yaml", "--json")
+    done = run("excite", tmp_path / "slide.yaml", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)["safe"] is True

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 
+from support.command_line import run
 from support.paths import ROOT
 from support.selection import slow_unless
 from support.writing_commands import COMMANDS, OUTPUTS, Contents, contents, workplace
@@ -313,7 +314,6 @@ def test_marks_of_other_encodings(
     folder: Path, encoding: str, file: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Read as what it is, or refused in one line that names the file; never half."""
-    from support.writing_commands import call
 
     name = {
         "slide.yaml": "derive",
@@ -322,10 +322,10 @@ def test_marks_of_other_encodings(
         "claims.txt": "audit",
     }[file]
     monkeypatch.chdir(folder)
-    assert call(*COMMANDS[name]).returncode == 0
+    assert run(*COMMANDS[name]).returncode == 0
     expected = {output: (folder / output).read_bytes() for output in OUTPUTS[name]}
     (folder / file).write_text((folder / file).read_text(), encoding=encoding)
-    done = call(*COMMANDS[name])
+    done = run(*COMMANDS[name])
     if done.returncode == 0:
         assert {
             output: (folder / output).read_bytes() for output in OUTPUTS[name]

@@ -340,6 +340,34 @@ def test_a_floating_base_has_a_wrench() -> None:
     np.testing.assert_allclose(force.parts["gravity"].attained, 0.981, rtol=1e-3)
 
 
+FLOATING_URDF = """<robot name="urdf">
+  <link name="trunk"><inertial><mass value="3"/>
+    <inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0.1 0 0.02"/><mass value="2"/>
+    <inertia ixx="0.003" iyy="0.004" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="continuous"><parent link="trunk"/><child link="arm"/>
+    <origin xyz="0.2 0 0.1"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+FLOATING_MJCF = """<mujoco model="mjcf"><worldbody><body name="trunk"><freejoint name="root"/>
+  <inertial pos="0 0 0" mass="3" diaginertia="0.03 0.04 0.05"/>
+  <body name="arm" pos="0.2 0 0.1"><joint name="shoulder" axis="0 1 0"/>
+    <inertial pos="0.1 0 0.02" mass="2" diaginertia="0.003 0.004 0.005"/></body>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("heavier", [False, True])
+@pytest.mark.parametrize("mjcf_first", [False, True])
+def test_a_base_floats_alike_in_both_formats(mjcf_first: bool, heavier: bool) -> None:
+    text = FLOATING_MJCF.replace('mass="2"', 'mass="3"') if heavier else FLOATING_MJCF
+    robots = ec.load(FLOATING_URDF, floating=True), ec.load(text)
+    first, second = reversed(robots) if mjcf_first else robots
+    limits = {"velocity": 2, "acceleration": 3}
+    found = ec.compare(first, second, limits=limits)
+    assert found.verdict == ("different" if heavier else "equal")
+    one, two = (["base", "root"][robot is robots[1]] for robot in (first, second))
+    assert (f"{one}.tx", f"{two}.tx") in found.matched
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "second", "equal"),

@@ -401,6 +401,16 @@ def test_a_floating_base_with_loops_is_refused() -> None:
         task_of(setup, setup.excitation)
 
 
+def test_a_freejoint_is_held_like_any_floating_base() -> None:
+    """No motor moves the translations of a freejoint, and so no limits are asked for."""
+    text = """<mujoco><worldbody><body name="trunk"><freejoint name="root"/><geom size="0.1"/>
+      <body name="arm"><joint name="j1" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/></body>
+    </body></worldbody></mujoco>"""
+    setup = ec.load_setup(text)
+    task = task_of(setup, setup.excitation)
+    assert task.held == dict.fromkeys(["root.tx", "root.ty", "root.tz", "root.r"], 0.0)
+
+
 @pytest.mark.slow
 def test_clearances_hold_with_loops() -> None:
     """A post that the coupler would sweep over: capsules' distances from the frames of the closed motion."""

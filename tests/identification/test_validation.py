@@ -36,7 +36,6 @@ from echelon.identification.verdict import (
     overall_verdict,
     pooled,
     verdict,
-    verdict_parts,
 )
 from support.observation_rows import ArrayRows, fit_of, judged_rows
 from support.selection import examples
@@ -586,10 +585,17 @@ def test_a_verdict_has_a_badge_a_sentence_and_reasons(
     r2: float, facts: list[str], badge: str
 ) -> None:
     found = overall_verdict(judged(score("j1", r2=r2)), facts)
-    told = verdict_parts(found.text, found.reasons)
-    assert told.badge == badge
-    assert told.is_good == (badge in ("good", "usable"))
-    assert [fact for fact in facts if fact in told.sentence] == []
-    assert told.reasons == found.reasons
-    assert all(remark.endswith(".") for remark in told.remarks)
-    assert told.sentence.endswith("(run2).")
+    assert found.badge == badge
+    assert found.is_good == (badge in ("good", "usable"))
+    assert [fact for fact in facts if fact in found.sentence] == []
+    assert [fact for fact in facts if fact not in found.text] == []
+    assert found.beside == found.reasons
+    assert all(remark.endswith(".") for remark in found.remarks)
+    assert found.sentence.endswith("(run2).")
+
+
+def test_data_that_leave_parameters_open_speak_against_a_good_prediction() -> None:
+    found = overall_verdict(judged(score("j1")), gaps=["the data show 2 of 4"])
+    assert found.badge == "do not use"
+    assert found.sentence.startswith("The model predicts every output well")
+    assert found.reasons == ("the data show 2 of 4",)

@@ -6,12 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import echelon as ec
 from echelon.formats.robot_file import load
 from echelon.identification.logs.columns.column_map import Channel, ColumnMap
-from echelon.identification.logs.columns.conversion import needed_columns, recording
+from echelon.identification.logs.columns.conversion import (
+    in_own_axes,
+    needed_columns,
+    recording,
+)
 from echelon.identification.logs.files.log_file import Table
+from echelon.shared import Floats
 from support.column_maps import PENDULUM, channels, random_columns
 
 GRIPPER = load("examples/gripper_coupled.yaml")
@@ -191,3 +197,35 @@ def test_with_loops_the_independent_coordinates_are_enough() -> None:
     other = next(name for name in robot.positions if name != free)
     with pytest.raises(ec.InputError, match="columns are missing for"):
         recording(table, ColumnMap(rate=1, positions={other: Channel(other)}), robot)
+
+
+FLOATING = """<mujoco><worldbody><body name="trunk"><freejoint name="root"/><geom size="0.1"/></body></worldbody></mujoco>"""
+
+
+def velocities_of(robot: ec.Mechanism, twist: str, q: Floats, qd: Floats) -> Floats:
+    return in_own_axes(robot, {"q": q, "qd": qd}, twist)
+
+
+@pytest.mark.parametrize("twist", ["world", "body"])
+def test_velocities_of_a_floating_base_in_other_axes(twist: str) -> None:
+    rng = np.random.default_rng(3)
+    robot = ec.load(FLOATING)
+    q, qd = rng.normal(size=(20, 7)), rng.normal(size=(20, 6))
+    pose = Rotation.from_quat(q[:, 3:], scalar_first=True)
+    linear = pose.apply(qd[:, :3]) if twist == "body" else qd[:, :3]
+    angular = pose.apply(qd[:, 3:], inverse=True) if twist == "world" else qd[:, 3:]
+    expected = np.hstack([linear, angular])
+    np.testing.assert_allclose(velocities_of(robot, twist, q, qd), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("twist", ["world", "body"])
+def test_a_base_that_is_held_upright_has_the_axes_of_the_world(twist: str) -> None:
+    robot = ec.load(FLOATING, locked={"root.r": 0})
+    q = qd = np.ones((2, 3))
+    np.testing.assert_array_equal(velocities_of(robot, twist, q, qd), qd)
+
+
+def test_linear_velocities_of_a_base_are_turned_together() -> None:
+    robot = ec.load(FLOATING, locked={"root.tx": 0})
+    with pytest.raises(ec.InputError, match="lock none of its translations, or all"):
+        velocities_of(robot, "body", np.ones((2, 6)), np.ones((2, 5)))

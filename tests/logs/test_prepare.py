@@ -111,7 +111,7 @@ def test_parameters_come_back_without_a_setting_made(
     keep = (
         np.ones(regressor.shape[:2], bool)
         if found.moving is None
-        else found.moving[filters.kept(len(found))]
+        else found.moving[:: filters.factor]
     )
     estimate = np.linalg.lstsq(
         regressor[keep], filters.apply(found.y)[keep], rcond=None

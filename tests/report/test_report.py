@@ -58,7 +58,9 @@ def test_everything_is_there(page: Page, full: Identification) -> None:
     assert {*TITLES} | {"top", "page-data"} <= anchors
     assert page.open == []
     for said in (
-        full.verdict,
+        full.judgement.sentence,
+        *full.judgement.beside,
+        *full.judgement.remarks,
         *(f.text for f in full.findings),
         "run1.parquet",
         "run2.parquet",
@@ -164,7 +166,7 @@ def test_any_robot(robot: str) -> None:
 
 
 def test_little_is_enough() -> None:
-    """No prior, no unseen data, no physical fit, no findings, no verdict; and no signals at all."""
+    """No prior, no unseen data, no physical fit, no findings; and no signals at all."""
     words = Page(report_html(bare())).words
     for said in (
         "No data were held out",

@@ -17,6 +17,7 @@ from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.scores import Score, Trace, Validation, fit
+from echelon.identification.verdict import Judgement
 from support.derived import base_of
 from support.unchecked_names import unchecked_names
 
@@ -189,8 +190,9 @@ def identification(
         ),
         FINDINGS,
         "physical",
+        Judgement("good", f"The model predicts all {len(base.mechanism.outputs)} joints well.",
+                  gaps=("the data leave j1 open",), remarks=("Check it on other data.",)),
         {"seed": 2015, "versions": {"echelon": "0.1", "numpy": "2.3"}, "estimator": "irls"},
-        f"The model predicts unseen motions of all {len(base.mechanism.outputs)} joints within 3 % of their range.",
     )  # fmt: skip
 
 
@@ -207,7 +209,7 @@ def bare(robot: str = "double_pendulum", samples: int = 400) -> Identification:
     return replace(
         full, essential=None, feasibility=None, physical=None, validations=(lone,), findings=(),
         predict_with="estimate", preparation=Preparation(),
-        conditioning=replace(full.conditioning, weak=()), settings={}, verdict="",
+        conditioning=replace(full.conditioning, weak=()), settings={}, judgement=Judgement("usable", "The model is usable."),
     )  # fmt: skip
 
 
@@ -300,7 +302,7 @@ def hostile(run: Identification) -> Identification:
     )
     margins = {body.name: 1.0 for body in bodies}
     return replace(
-        run, base=base, logs=(HOSTILE,), verdict=HOSTILE, settings={HOSTILE: HOSTILE},
+        run, base=base, logs=(HOSTILE,), judgement=Judgement("good", HOSTILE, (HOSTILE,), (HOSTILE,), (HOSTILE,)), settings={HOSTILE: HOSTILE},
         findings=(Finding(Severity.WARNING, HOSTILE, HOSTILE, HOSTILE),),
         validations=tuple(dirty(v) for v in run.validations),
         estimate=replace(run.estimate, method=HOSTILE, units=(HOSTILE,) * run.base.rank, diagnostics={HOSTILE: 1}),

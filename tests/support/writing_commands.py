@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import shutil
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
 from pathlib import Path
-from subprocess import CompletedProcess
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pytest
 
-from echelon.cli.commands import run as command
 from echelon.cli.destination import MANIFEST
+from support.command_line import run
 
 SLIDE = """\
 # the user's own comment
@@ -84,22 +79,6 @@ OUTPUTS: dict[str, set[str]] = {
 }
 
 
-def call(*arguments: object) -> CompletedProcess[str]:
-    """A command in this process, which saves the time that imports take."""
-    out, err, code = io.StringIO(), io.StringIO(), 0
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        redirect_stdout(out),
-        redirect_stderr(err),
-    ):
-        patch.setattr(sys, "argv", ["echelon", *map(str, arguments)])
-        try:
-            command()
-        except SystemExit as ended:
-            code = int(ended.code or 0)
-    return CompletedProcess([], code, out.getvalue(), err.getvalue())
-
-
 @cache
 def _template() -> TemporaryDirectory[str]:
     kept = TemporaryDirectory()
@@ -117,7 +96,7 @@ def _template() -> TemporaryDirectory[str]:
     )
     (folder / "slide.yaml").write_text(SLIDE)
     (folder / "claims.txt").write_text("M1\nFv1\n")
-    done = call(
+    done = run(
         "identify",
         folder / "slide.yaml",
         folder / "run.csv",

@@ -23,6 +23,7 @@ from echelon.base.expression import render as render
 from echelon.base.kinematic_match import Correspondence as Correspondence
 from echelon.base.kinematic_match import GeometryDifference as GeometryDifference
 from echelon.base.kinematic_match import ZeroPose as ZeroPose
+from echelon.base.kinematic_match import bare_tree as bare_tree
 from echelon.base.kinematic_match import correspondences as correspondences
 from echelon.base.kinematic_match import gravity_value as gravity_value
 from echelon.base.linear_base import LinearBase as LinearBase

@@ -301,7 +301,8 @@ class _Checks:
         if signs and not closed:
             points = self.regressor.points
             regions, note = points.count, str(points.report)
-            self.unchecked += [points.report.unseen] if points.report.unseen else []
+            if points.report.unseen:
+                self.unchecked.append(points.report.unseen)
             if self.stated is None and points.constants:
                 names = ", ".join(points.constants)
                 self.unchecked.append(

@@ -671,11 +671,9 @@ class Evaluation(ABC):
     def _observer(self) -> Observer:
         from echelon.compute import Observer
 
-        if self.mechanism.contacts:
-            raise InputError(
-                "rows of logs hold the unknown forces at contacts: multiply them by without_contact_forces first",
-                element=f"contact '{self.mechanism.contacts[0].name}'",
-            )
+        self.mechanism.refuse_contacts(
+            "rows of logs hold the unknown forces at contacts: multiply them by without_contact_forces first"
+        )
         return Observer(self.function("regressor"))
 
     def _values(

@@ -113,15 +113,8 @@ class ZeroPose:
     """Motions of a robot as a tree, with their screws and the bodies' frames in the pose of zero, base frame."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        opened = replace(
-            mechanism,
-            couplings=(),
-            closures=(),
-            independent=(),
-            actuators=(),
-            effects=(),
-            measured=None,
-        )
+        self.mechanism = mechanism
+        opened = bare_tree(mechanism)
         places = {name: k for k, name in enumerate(opened.positions)}
         balls = [m.positions[0] for m in opened.motions if m.kind is MotionKind.BALL]
         zero = np.array([[float(name in balls) for name in opened.positions]])
@@ -170,6 +163,19 @@ class ZeroPose:
         """The kinds of a motion and of all behind it, whatever their order."""
         behind = sorted(self.shape(child) for child in self.children(node))
         return f"{self.motions[node].kind.value}({' '.join(behind)})"
+
+
+def bare_tree(mechanism: Mechanism) -> Mechanism:
+    """The bodies and joints of a robot alone, so that all joints move freely."""
+    return replace(
+        mechanism,
+        couplings=(),
+        closures=(),
+        independent=(),
+        actuators=(),
+        effects=(),
+        measured=None,
+    )
 
 
 def homogeneous(frames: Floats) -> Floats:

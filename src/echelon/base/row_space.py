@@ -166,10 +166,10 @@ class RowSpaces:
         if self:
             return f"RowSpaces(same, of dimension {self.union})"
         parts = [f"dimensions {self.first} and {self.second}, together {self.union}"]
-        parts += [f"only the first sees {self.only_first}"] if self.only_first else []
-        parts += (
-            [f"only the second sees {self.only_second}"] if self.only_second else []
-        )
+        if self.only_first:
+            parts.append(f"only the first sees {self.only_first}")
+        if self.only_second:
+            parts.append(f"only the second sees {self.only_second}")
         return f"RowSpaces(different: {'; '.join(parts)})"
 
 

@@ -220,12 +220,10 @@ def _candidates(mechanism: Mechanism) -> dict[str, LinearForms]:
     """Rows of every sensor, or of every experiment; columns are those of the mechanism."""
     if mechanism.experiments:
         return {name: _rows_of(mechanism, name) for name in mechanism.experiments}
-    if mechanism.contacts:
-        raise InputError(
-            "with unknown forces, several sensors together see more than the sum of each: derive each choice of "
-            "outputs instead, as experiments with other sensors",
-            element=f"contact '{mechanism.contacts[0].name}'",
-        )
+    mechanism.refuse_contacts(
+        "with unknown forces, several sensors together see more than the sum of each: derive each choice of "
+        "outputs instead, as experiments with other sensors"
+    )
     outputs = list(mechanism.outputs)
     if mechanism.measured is None:
         outputs += [

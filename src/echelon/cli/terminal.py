@@ -19,7 +19,7 @@ from echelon.base import (
     legend,
     shown_expressions,
 )
-from echelon.identification import Finding, Severity, counted, verdict_parts
+from echelon.identification import Finding, Judgement, Severity, counted
 from echelon.shared import PARAMETERS, one_line
 
 if TYPE_CHECKING:
@@ -109,16 +109,15 @@ def print_identification(result: Identification) -> None:
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
         console.print(Text(result.feasibility.evidence))
-    _print_verdict(console, result.verdict, result.reasons)
+    _print_judgement(console, result.judgement)
 
 
-def _print_verdict(console: Console, verdict: str, reasons: Sequence[str]) -> None:
+def _print_judgement(console: Console, told: Judgement) -> None:
     """Print a badge with the first sentence of a verdict, then why, then the rest."""
-    told = verdict_parts(verdict, reasons)
     colour = "green" if told.is_good else "red"
     badge = f" {told.badge.upper()} ", f"bold white on {colour}"
     console.print(Text.assemble(badge, " ", (one_line(told.sentence), "bold")))
-    for reason in told.reasons:
+    for reason in told.beside:
         console.print(Text(f"  reason: {one_line(reason)}", style=colour))
     for remark in told.remarks:
         console.print(Text(f"  {one_line(remark)}"))

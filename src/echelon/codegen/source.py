@@ -358,11 +358,8 @@ def _check_online(base: BaseModel, language: Language) -> None:
         raise InputError(
             f"{ONLINE} is not written in {language.name} (valid targets: {able}); in Python use echelon.online"
         )
-    if base.mechanism.contacts:
-        raise InputError(
-            f"{ONLINE} needs outputs without the unknown forces at contacts",
-            element=f"contact '{base.mechanism.contacts[0].name}'",
-        )
+    problem = f"{ONLINE} needs outputs without the unknown forces at contacts"
+    base.mechanism.refuse_contacts(problem)
 
 
 def _named(

@@ -42,9 +42,8 @@ def states_of(
         entry = file.description.excitation
     floating = {
         name: (-_ROOM, _ROOM)
-        for body in one.bodies
-        if body.joint.kind == "floating"
-        for motion in body.joint.motions
+        for joint in one.floating_joints
+        for motion in joint.motions
         if motion.kind is MotionKind.TRANSLATION
         for name in motion.velocities
     }

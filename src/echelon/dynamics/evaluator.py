@@ -224,7 +224,8 @@ def function_values(
     labels = arguments["symbols"].labels if "symbols" in arguments else ()
     if labels or symbols:
         known = symbol_values(mechanism, labels, symbols)
-        values |= {"symbols": list(known.values())} if labels else {}
+        if labels:
+            values["symbols"] = list(known.values())
     if inputs:
         _check_inputs(mechanism, inputs)
     if "inputs" in arguments:

@@ -483,10 +483,9 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
         raise InputError(
             f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})"
         )
-    if mechanism.contacts and name not in WITH_CONTACTS:
-        raise InputError(
+    if name not in WITH_CONTACTS:
+        mechanism.refuse_contacts(
             f"{name} needs all that moves, and base parameters of a robot with contacts exclude the effect of "
-            f"unknown forces: ask for {' and '.join(WITH_CONTACTS)}, or leave the contacts out",
-            element=f"contact '{mechanism.contacts[0].name}'",
+            f"unknown forces: ask for {' and '.join(WITH_CONTACTS)}, or leave the contacts out"
         )
     return ALL_FUNCTIONS[name](mechanism, pivots)

@@ -45,7 +45,6 @@ from echelon.formats.schema.schema_measure import MeasureKind as MeasureKind
 from echelon.formats.snapping import ReadingOptions as ReadingOptions
 from echelon.formats.snapping import gravity_vector as gravity_vector
 from echelon.formats.urdf.exact_xml import ExactXml as ExactXml
-from echelon.formats.usual_effects import floating_velocities as floating_velocities
 from echelon.formats.usual_effects import slides as slides
 from echelon.formats.usual_effects import with_rotors as with_rotors
 from echelon.formats.usual_effects import with_usual_effects as with_usual_effects

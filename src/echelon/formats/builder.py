@@ -139,7 +139,8 @@ class _Builder:
         if closures:
             mechanism = replace(mechanism, symbols=self.snapping.symbols)
             assembly, note = chosen_pose(mechanism, self.tree.poses)
-            self.notes += [note] if note else []
+            if note:
+                self.notes.append(note)
             mechanism = replace(mechanism, assembly=assembly)
         used = {s for b in mechanism.bodies for s in b.joint.symbols()}
         used.update(

@@ -205,7 +205,8 @@ def _mjcf_joint(model: Any, k: int) -> dict[str, str]:
             "stiffness": _row(joint.stiffness[:1]),
             "ref": _row(joint.qpos0),
         }
-        found |= {"range": _row(joint.range)} if model.jnt_limited[k] else {}
+        if model.jnt_limited[k]:
+            found["range"] = _row(joint.range)
     return found
 
 
@@ -242,9 +243,12 @@ def _mjcf_equality(model: Any, k: int) -> tuple[str, dict[str, str]]:
         f"{of}{n}": _name(model, of, end) for n, end in enumerate(ends, 1) if end >= 0
     }
     found |= {"name": name} if (name := model.equality(k).name) else {}
-    found |= {"polycoef": _row(data[:5])} if of == tag else {}
-    found |= {"anchor": _row(data[:3])} if of == "body" else {}
-    found |= {"torquescale": _row(data[10])} if tag == "weld" else {}
+    if of == tag:
+        found["polycoef"] = _row(data[:5])
+    if of == "body":
+        found["anchor"] = _row(data[:3])
+    if tag == "weld":
+        found["torquescale"] = _row(data[10])
     return tag, found | (
         {"relpose": _row(data[3:10])} if tag == "weld" and of == "body" else {}
     )

@@ -409,11 +409,8 @@ class Snapping:
             self.options.looped
             and abs(value - nearest_step(value)) > 10.0**-PRINTED_DIGITS
         )
-        return (
-            self.named_angle(value, element, name, square)
-            if chance
-            else self.angle(value, element, name, square)
-        )
+        read = self.named_angle if chance else self.angle
+        return read(value, element, name, square)
 
     def named_angle(
         self,

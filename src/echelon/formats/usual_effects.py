@@ -76,27 +76,12 @@ def _with(mechanism: Mechanism, effects: tuple[Effect, ...]) -> Mechanism:
 
 def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
     """Drives whose force is measured, and joints whose torque is; a floating base has neither."""
-    free, seen = floating_velocities(mechanism), set[str]()
+    free, seen = mechanism.floating_velocities, set[str]()
     forces = [force for output in mechanism.sensed for force, _ in output.forces]
     for force in sorted(forces, key=lambda force: force.side is Side.JOINT):
         if force.at not in free | seen:
             yield force.at, force.side
         seen.add(force.at)
-
-
-def floating_velocities(mechanism: Mechanism) -> frozenset[str]:
-    """Velocities of floating bases, which have neither drives nor friction."""
-    floating = [
-        body.joint
-        for body in mechanism.bodies
-        if body.joint.kind in ("floating", "free")
-    ]
-    return frozenset(
-        name
-        for joint in floating
-        for motion in joint.motions
-        for name in motion.velocities
-    )
 
 
 def _made(

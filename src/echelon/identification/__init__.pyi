@@ -55,4 +55,4 @@ from echelon.identification.setup.skeleton import skeleton as skeleton
 from echelon.identification.surveying import FirstLook as FirstLook
 from echelon.identification.surveying import first_look as first_look
 from echelon.identification.surveying import survey as survey
-from echelon.identification.verdict import verdict_parts as verdict_parts
+from echelon.identification.verdict import Judgement as Judgement

@@ -29,9 +29,13 @@ class Advantage:
         ratios = 0.5 * np.log(np.maximum(before, least) / np.maximum(after, least))[
             :, told
         ].mean(axis=1)
-        return Advantage(
-            float(ratios.mean()), float(ratios.std(ddof=1) / np.sqrt(len(ratios)))
-        )
+        return Advantage.of_blocks(ratios)
+
+    @staticmethod
+    def of_blocks(ratios: Floats) -> Advantage:
+        """From logarithms of ratios by block, shape (blocks,)."""
+        error = ratios.std(ddof=1) / np.sqrt(len(ratios))
+        return Advantage(float(ratios.mean()), float(error))
 
     @property
     def is_none(self) -> bool:

@@ -18,6 +18,7 @@ from echelon.compute import Observation, upper_triangle
 from echelon.identification.estimators.estimate import (
     ROUNDING,
     Estimate,
+    check_rest,
     inverse_triangle,
     solved,
 )
@@ -87,10 +88,7 @@ def fit_currents(
     Noise counts as found when its logarithm changes by less than a tolerance, which it does within a limit of fits.
     """
     start = solved(observation, units)
-    if start.degrees <= 0:
-        raise InputError(
-            "no row is left over to estimate the noise from; give more samples"
-        )
+    check_rest(start.degrees)
     parts = _outputs(observation, gains)
     values, root = start.values, np.zeros((len(units), 0))
 

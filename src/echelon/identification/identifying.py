@@ -192,9 +192,8 @@ def _completed(
     if not (drives or lifted) or not setup.usual:
         return setup, []
     said = [finding(some, lists_effects=lists, taken=True) for some in rotors]
-    said += (
-        [note("rotor", "", _ROTOR.format(", ".join(sorted(lifted))))] if lifted else []
-    )
+    if lifted:
+        said.append(note("rotor", "", _ROTOR.format(", ".join(sorted(lifted)))))
     # a robot has geared drives or not; a rotor that cannot be told from zero does no harm
     return setup.with_robot(with_rotors), said
 
@@ -327,9 +326,11 @@ def _fitted(
         *contradictions(feasible, findings, plan.preparation.measured),
     ]
     findings += fit_findings(estimate, conditions, feasible, physical, validations)
-    judgement = overall_verdict(by_role(validations)[-1], facts)
+    gaps = [] if conditions.is_complete else [conditions.verdict]
+    judgement = overall_verdict(by_role(validations)[-1], facts, gaps)
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
     speeds = enumerated([found.speeds for found in ranges], "; ")
+    fitted = f"It was fitted up to {ranges[0].band:.3g} Hz: {speeds}."
     result = Identification(
         base=base,
         logs=tuple(map(str, fitted_logs)),
@@ -343,11 +344,7 @@ def _fitted(
         findings=limited(findings),
         predict_with=used,
         settings={**_record(setup, plan), "constants": list(map(asdict, constants))},
-        verdict=f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
-        reasons=(
-            *judgement.reasons,
-            *([] if conditions.is_complete else [conditions.verdict]),
-        ),
+        judgement=replace(judgement, remarks=(*judgement.remarks, fitted)),
         hypotheses=tuple(told),
         experiments=setup.experiments,
     )

@@ -22,7 +22,6 @@ from echelon.identification.logs.recording import Samples
 from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.physics.prior_information import Prior
 from echelon.identification.rows.plan import LogPlan
-from echelon.identification.rows.rows import samples_alone
 from echelon.identification.scores import (
     EXPLAINED,
     UNEXPLAINED,
@@ -117,7 +116,8 @@ def _parts(
         own = base_parameters(base.experiment(name).mechanism, seed=seed)
         columns = [some for some in data.plan.columns if some.experiment == name]
         plan = LogPlan(own, tuple(columns), data.plan.preparation.of(name))
-        samples = (samples_alone(s) for s in data.fitted() if s.experiment == name)
+        theirs = (s for s in data.fitted() if s.experiment == name)
+        samples = (replace(s, experiment="") for s in theirs)
         start = own.B_float() @ [standard[p] for p in own.parameters]
         judge = _judge(plan, samples, start, seed=seed)
         if prior is not None:

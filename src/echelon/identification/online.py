@@ -106,11 +106,9 @@ def online(
         raise InputError(
             f"forgetting is {forgetting}; expected a number above 0 and up to 1, such as 0.999"
         )
-    if base.mechanism.contacts:
-        raise InputError(
-            "outputs hold the unknown forces at contacts: estimate online without them",
-            element=f"contact '{base.mechanism.contacts[0].name}'",
-        )
+    base.mechanism.refuse_contacts(
+        "outputs hold the unknown forces at contacts: estimate online without them"
+    )
     if (prior is None) != (covariance is None):
         raise InputError("give both a prior and its covariance, or neither")
     known = None

@@ -17,7 +17,7 @@ from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.scores import Score, Validation
-from echelon.identification.verdict import by_role
+from echelon.identification.verdict import Judgement, by_role
 from echelon.robot import Experiment, Mechanism, mechanism_of
 from echelon.shared import Floats, InputError, extra, one_line, public
 
@@ -130,12 +130,10 @@ class Identification:
         What is wrong with the logs or the fit; warnings first.
     predict_with : str
         Which values predictions use: ``"estimate"``, ``"essential"`` or ``"physical"``.
+    judgement : Judgement
+        The verdict in parts: a badge, a sentence, reasons not to use the model, and remarks.
     settings : mapping
         Everything needed to repeat the run: seed, versions, options.
-    verdict : str
-        The whole in words.
-    reasons : tuple of str
-        Reasons not to use the model; empty if there are none.
     hypotheses : tuple of Judged
         Possible errors of model and logs: those that explain residuals, and the next best.
     experiments : tuple of Experiment
@@ -153,11 +151,20 @@ class Identification:
     validations: tuple[Validation, ...]
     findings: tuple[Finding, ...]
     predict_with: str
+    judgement: Judgement
     settings: Mapping[str, Any] = field(default_factory=dict)
-    verdict: str = ""
-    reasons: tuple[str, ...] = ()
     hypotheses: tuple[Judged, ...] = ()
     experiments: tuple[Experiment, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """The whole in words."""
+        return self.judgement.text
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons not to use the model; empty if there are none."""
+        return self.judgement.reasons
 
     @property
     def pooled(self) -> tuple[Validation, ...]:

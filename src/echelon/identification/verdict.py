@@ -6,7 +6,6 @@ the same words.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -65,17 +64,54 @@ def verdict(validation: Validation, identification: Validation | None = None) ->
     return " ".join(sentences)
 
 
+_NO_VERDICT = "no verdict"
+_BADGES = {
+    Grade.GOOD: "good",
+    Grade.USABLE: "usable",
+    Grade.POOR: "poor",
+    Grade.USELESS: "do not use",
+}
+
+
 @dataclass(frozen=True)
 class Judgement:
-    """Verdict on a model by all logs together."""
+    """Verdict on a model by all logs together: a badge with one sentence, then reasons, then the rest."""
 
-    text: str  # the verdict in words
-    # why the model should not be used; empty if nothing speaks against it
-    reasons: tuple[str, ...]
+    badge: str  # good, usable, poor, do not use, or no verdict
+    sentence: str  # how well the outputs are predicted
+    gaps: tuple[str, ...] = ()  # low scores, and what the data leave open
+    facts: tuple[str, ...] = ()  # what contradicts the model, however well it predicts
+    remarks: tuple[str, ...] = ()  # further sentences, which are no reasons
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons not to use the model; empty if nothing speaks against it."""
+        silent = self.sentence.removesuffix(".")
+        return (*([silent] if self.badge == _NO_VERDICT else []), *self.beside)
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Reasons beside the sentence."""
+        return *self.gaps, *self.facts
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing speaks against the model."""
+        return not self.reasons
+
+    @property
+    def text(self) -> str:
+        """The verdict in words."""
+        first = self.sentence
+        if self.facts and self.badge != _NO_VERDICT:
+            first = f"{first.removesuffix('.')}: {'; '.join(self.facts)}."
+        return " ".join([first, *self.remarks])
 
 
-def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
-    """Verdict on a model by its scores on all logs together, and by facts that contradict it.
+def overall_verdict(
+    judged: Validation, facts: Sequence[str] = (), gaps: Sequence[str] = ()
+) -> Judgement:
+    """Verdict on a model by its scores on all logs together, by facts that contradict it, and by gaps of the data.
 
     All outputs are graded alike, by R² over all rows; only those of which nothing can be said are not graded, because
     no model could explain them.
@@ -85,17 +121,16 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     ]
     silent = _silent(judged.scores)
     if not told:
-        text = f"{_NO_VERDICT} on {_data(judged)} ({judged.source}): {_listed(silent)}"
+        text = f"No verdict on {_data(judged)} ({judged.source}): {_listed(silent)}"
         if not any(score.is_at_rest for score in judged.scores):
             noisy = any(score.is_below_noise for score in judged.scores)
             text = (
-                f"{_NO_VERDICT}: no output varied"
+                "No verdict: no output varied"
                 + " by more than its sensor's noise" * noisy
             )
-        return Judgement(f"{text}.", (text, *facts))
+        return Judgement(_NO_VERDICT, f"{text}.", tuple(gaps), tuple(facts))
     worst, lowest = min(told, key=lambda entry: (entry[1], entry[0].r2))
-    sentences = [_headline(lowest, worst, judged, facts)]
-    sentences += [
+    sentences = [
         f"No verdict on {outputs}: {reason}." for reason, outputs in silent.items()
     ]
     if all(score.is_computed for score, _ in told):
@@ -121,36 +156,17 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
         for score, found in told
         if found < Grade.USABLE
     ]
+    if low:
+        gaps = [f"on {_data(judged)}, {', '.join(low)}", *gaps]
+    # what speaks against a model beside its scores also speaks against good ones
+    against = lowest >= Grade.USABLE and (gaps or facts)
     return Judgement(
-        " ".join(sentences),
-        (*([f"on {_data(judged)}, {', '.join(low)}"] if low else []), *facts),
+        _BADGES[Grade.USELESS if against else lowest],
+        _headline(lowest, worst, judged, facts),
+        tuple(gaps),
+        tuple(facts),
+        tuple(sentences),
     )
-
-
-@dataclass(frozen=True)
-class VerdictParts:
-    """A verdict for the eye: a badge with one sentence, then reasons, then the rest."""
-
-    badge: str
-    is_good: bool  # whether nothing speaks against the model
-    sentence: str
-    reasons: tuple[str, ...]  # those that the sentence does not have
-    remarks: tuple[str, ...]
-
-
-def verdict_parts(verdict: str, reasons: Sequence[str]) -> VerdictParts:
-    """Parts of a verdict in words, and of the reasons not to use the model."""
-    for reason in reasons:
-        verdict = verdict.replace(f": {reason}", "").replace(f"; {reason}", "")
-    sentence, *remarks = re.split(r"(?<=\.) (?=[A-Z])", verdict)
-    told = (badge for start, badge in _BADGES.items() if sentence.startswith(start))
-    badge = next(told, "do not use" if reasons else "usable")
-    if (
-        reasons and badge in _TRUSTED
-    ):  # a fact beside the scores speaks against the model
-        badge = "do not use"
-    apart = tuple(reason for reason in reasons if reason not in sentence)
-    return VerdictParts(badge, not reasons, sentence, apart, tuple(remarks))
 
 
 _WORDS = {
@@ -160,15 +176,6 @@ _WORDS = {
     Grade.USELESS: "The model cannot be trusted for some outputs",
 }
 _CONTRADICTED = "Do not use the model, despite its predictions"
-_NO_VERDICT = "No verdict"
-_TRUSTED = ("good", "usable")
-_BADGES = {
-    _WORDS[Grade.GOOD]: "good",
-    _WORDS[Grade.USABLE]: "usable",
-    _WORDS[Grade.POOR]: "poor",
-    _NO_VERDICT: "no verdict",
-}
-"""Badges by the beginning of a verdict; every other verdict is not to use the model."""
 
 
 def _headline(
@@ -176,11 +183,11 @@ def _headline(
 ) -> str:
     """The first sentence: how well the worst output is predicted, and what contradicts the model."""
     raw = f", {worst.raw.r2:.4g} without a filter" if np.isfinite(worst.raw.r2) else ""
-    text = f"on {_data(judged)}; the lowest R² is {worst.r2:.4g}, of {worst.output}{raw} ({judged.source})"
-    if not facts:
-        return f"{_WORDS[lowest]} {text}."
-    words = _CONTRADICTED if lowest >= Grade.USABLE else _WORDS[lowest]
-    return f"{words} {text}: {'; '.join(facts)}."
+    words = _CONTRADICTED if facts and lowest >= Grade.USABLE else _WORDS[lowest]
+    return (
+        f"{words} on {_data(judged)}; the lowest R² is {worst.r2:.4g}, of {worst.output}{raw} "
+        f"({judged.source})."
+    )
 
 
 def _data(judged: Validation) -> str:

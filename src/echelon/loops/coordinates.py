@@ -54,7 +54,7 @@ def independent_coordinates(
     for name in first:
         take([name])
     for joint in joints:
-        if joint.kind == "floating":
+        if joint.is_floating:
             take(whole[joint.name])
     for ball in balls:
         if rank([*chosen, *(place[name] for name in ball), *single]) > rank(

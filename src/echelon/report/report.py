@@ -20,7 +20,6 @@ from echelon.identification import (
     Preparation,
     Score,
     Severity,
-    verdict_parts,
 )
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
@@ -145,10 +144,9 @@ def findings_of(findings: tuple[Finding, ...]) -> Context:
 
 def _header(run: Identification) -> Context:
     mechanism = run.base.mechanism
-    told = verdict_parts(run.verdict, run.reasons)
     return {
         "robot": mechanism.name,
-        "verdict": told if run.verdict else None,
+        "verdict": run.judgement,
         "logs": run.logs,
         "validated": [v.source for v in run.validations if v.role == "validation"],
         **findings_of(run.findings),

@@ -46,6 +46,7 @@ from echelon.robot.inertia import rotation_of as rotation_of
 from echelon.robot.inertia import rotation_quaternion as rotation_quaternion
 from echelon.robot.inertia import tensor_and_moment as tensor_and_moment
 from echelon.robot.joint import ALL as ALL
+from echelon.robot.joint import FLOATING as FLOATING
 from echelon.robot.joint import GROUND as GROUND
 from echelon.robot.joint import IDENTITY as IDENTITY
 from echelon.robot.joint import ORIGIN as ORIGIN

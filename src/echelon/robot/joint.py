@@ -173,6 +173,10 @@ class Motion:
 Step = Placement | Motion
 
 
+FLOATING = "floating"
+"""Kind of the joint of a floating base, whatever a file's format calls it."""
+
+
 @dataclass(frozen=True)
 class Joint:
     """The connection of a body to its parent."""
@@ -190,6 +194,11 @@ class Joint:
     def is_fixed(self) -> bool:
         """Whether the body cannot move against its parent."""
         return not self.motions
+
+    @property
+    def is_floating(self) -> bool:
+        """Whether the file says that the body moves freely, without drives: three translations, then a ball."""
+        return self.kind == FLOATING
 
     def symbols(self) -> list[str]:
         """Geometry symbols of this joint."""

@@ -23,6 +23,7 @@ from echelon.robot.impossible import warn_of_impossible
 from echelon.robot.joint import (
     GROUND,
     Body,
+    Joint,
     Motion,
     MotionKind,
     Placement,
@@ -286,6 +287,23 @@ class Mechanism:
     def velocities(self) -> tuple[str, ...]:
         """Names of the velocity coordinates that no coupling makes dependent, the columns of ``qd`` and ``qdd``."""
         return tuple(name for motion in self.free_motions for name in motion.velocities)
+
+    def refuse_contacts(self, problem: str, source: str | None = None) -> None:
+        """Refuse a robot at whose contacts unmeasured forces act."""
+        if self.contacts:
+            where = f"contact '{self.contacts[0].name}'"
+            raise InputError(problem, source=source, element=where)
+
+    @cached_property
+    def floating_joints(self) -> tuple[Joint, ...]:
+        """Joints of floating bases, which have neither drives nor friction."""
+        return tuple(body.joint for body in self.bodies if body.joint.is_floating)
+
+    @cached_property
+    def floating_velocities(self) -> frozenset[str]:
+        """Names of the velocity coordinates of floating bases."""
+        motions = (motion for joint in self.floating_joints for motion in joint.motions)
+        return frozenset(name for motion in motions for name in motion.velocities)
 
     @property
     def independent_velocities(self) -> tuple[str, ...]:
@@ -642,10 +660,9 @@ def _check_closures(mechanism: Mechanism) -> None:
 
 
 def _check_contacts(mechanism: Mechanism) -> None:
-    if mechanism.contacts and mechanism.closures:
-        raise InputError(
-            "a robot with loops cannot have contacts with unknown forces: state them as loops to the ground",
-            element=f"contact '{mechanism.contacts[0].name}'",
+    if mechanism.closures:
+        mechanism.refuse_contacts(
+            "a robot with loops cannot have contacts with unknown forces: state them as loops to the ground"
         )
     names = [contact.name for contact in mechanism.contacts]
     for contact in mechanism.contacts:

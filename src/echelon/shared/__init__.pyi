@@ -82,6 +82,7 @@ from echelon.shared.record_schemas import file_schema as file_schema
 from echelon.shared.record_schemas import schema_of as schema_of
 from echelon.shared.records import AfterValidator as AfterValidator
 from echelon.shared.records import BeforeValidator as BeforeValidator
+from echelon.shared.records import ByValue as ByValue
 from echelon.shared.records import Discriminator as Discriminator
 from echelon.shared.records import PlainValidator as PlainValidator
 from echelon.shared.records import Record as Record

@@ -36,13 +36,13 @@ def nearest_of(word: str, valid: Iterable[str]) -> str:
     return f"{nearest(word, words)} (valid: {listed(words) or 'none'})"
 
 
-def in_quotes(names: Iterable[str], most: int = MOST_NAMED) -> str:
+def in_quotes(names: Iterable[str]) -> str:
     """Names in quotes, and how many more there are.
 
-    >>> in_quotes(["a", "b", "c"], 2)
-    "'a', 'b' and 1 more"
+    >>> in_quotes(["a", "b", "c"])
+    "'a', 'b', 'c'"
     """
-    return listed([f"'{name}'" for name in names], most)
+    return listed([f"'{name}'" for name in names])
 
 
 def listed(words: Sequence[str], most: int = MOST_NAMED, separator: str = ", ") -> str:

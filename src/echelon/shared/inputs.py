@@ -157,13 +157,11 @@ def most_unpacked(packed: int) -> int:
     return UNPACKED.most + EXPANSION.most * packed
 
 
-def check_unpacked(
-    unpacked: int, packed: int, source: str | None = None, element: str | None = None
-) -> None:
+def check_unpacked(unpacked: int, packed: int, source: str | None = None) -> None:
     """Refuse an archive that grows out of proportion."""
     if unpacked > most_unpacked(packed):
         problem = f"unpacks to more than {UNPACKED} and {EXPANSION}; if that is right, save it without compression"
-        raise InputError(problem, source=source, element=element)
+        raise InputError(problem, source=source)
 
 
 def limits_table() -> str:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from echelon.shared.inputs import plain_data, published_schema
 from echelon.shared.records import (
     BeforeValidator,
+    ByValue,
     Discriminator,
     Field,
     Record,
@@ -138,7 +139,7 @@ def _annotated(kind: Any, marks: Any, defined: dict[str, Any]) -> dict[str, Any]
     if schema is not None:
         return schema
     schema = _typed(kind, defined)
-    if any(isinstance(mark, Discriminator) for mark in marks):
+    if any(isinstance(mark, Discriminator | ByValue) for mark in marks):
         return {"oneOf": schema["anyOf"]}
     for mark in marks:
         if isinstance(mark, Within):

@@ -93,12 +93,54 @@ class Discriminator:
 
     function: Callable[[Any], str]
 
+    def parts(self, union: Any) -> dict[str, Any]:
+        """Parts of a union by their tags."""
+        return {
+            mark.name: part
+            for part in get_args(union)
+            for mark in part.__metadata__
+            if isinstance(mark, Tag)
+        }
+
+    def tag(self, value: Any, _: Mapping[str, Any]) -> str:
+        """The tag of the part that a value belongs to."""
+        return self.function(value)
+
 
 @dataclass(frozen=True, eq=False)
 class Tag:
     """Names a part of a union."""
 
     name: str
+
+
+@dataclass(frozen=True, eq=False)
+class ByValue:
+    """Tells the records of a union by the value of one key, of which each record lists its own."""
+
+    key: str
+    example: str  # of a mapping that fits, for messages
+
+    def parts(self, union: Any) -> dict[str, Any]:
+        """Records by the values of the key."""
+        return {
+            value: record
+            for record in get_args(union)
+            for value in get_args(record.model_fields[self.key].annotation)
+        }
+
+    def tag(self, value: Any, parts: Mapping[str, Any]) -> str:
+        """The value of the key in a mapping."""
+        if not isinstance(value, dict):
+            found = kind_of(value)
+            raise UnfitError(f"needs a mapping such as {self.example}, found {found}")
+        if self.key not in value:
+            raise UnfitError(f"the key '{self.key}' is missing, as in {self.example}")
+        stated = str(value[self.key])
+        if stated not in parts:
+            hint = nearest_of(stated, parts)
+            raise UnfitError(f"there is no {self.key} '{stated}'{hint}")
+        return stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +237,8 @@ def _record_check(kind: type) -> Check:
 
 
 def _annotated(kind: Any, *marks: Any) -> Check:
-    choice = next((mark for mark in marks if isinstance(mark, Discriminator)), None)
+    choices = (mark for mark in marks if isinstance(mark, Discriminator | ByValue))
+    choice = next(choices, None)
     check = check_of(kind) if choice is None else _chosen(kind, choice)
     for mark in marks:
         if isinstance(mark, BeforeValidator | PlainValidator | AfterValidator | Within):
@@ -203,21 +246,11 @@ def _annotated(kind: Any, *marks: Any) -> Check:
     return check
 
 
-def tags_of(union: Any) -> dict[str, Any]:
-    """Parts of a union by their tags."""
-    found = {}
-    for part in get_args(union):
-        for mark in getattr(part, "__metadata__", ()):
-            if isinstance(mark, Tag):
-                found[mark.name] = part
-    return found
-
-
-def _chosen(union: Any, choice: Discriminator) -> Check:
-    parts, checks = tags_of(union), dict[str, Check]()
+def _chosen(union: Any, choice: Discriminator | ByValue) -> Check:
+    parts, checks = choice.parts(union), dict[str, Check]()
 
     def checked(value: Any) -> Any:
-        tag = _refusing(choice.function, value)
+        tag = _refusing(lambda value: choice.tag(value, parts), value)
         if tag not in checks:
             checks[tag] = check_of(parts[tag])
         return checks[tag](value)

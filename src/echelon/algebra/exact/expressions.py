@@ -99,7 +99,8 @@ class Angle:
     def __str__(self) -> str:
         parts = [f"{self.half_turns}*pi"] if self.half_turns else []
         parts += [f"{count}*{symbol}" for symbol, count in self.parts]
-        parts += [str(self.radians)] if self.radians else []
+        if self.radians:
+            parts.append(str(self.radians))
         return " + ".join(parts) or "0"
 
 

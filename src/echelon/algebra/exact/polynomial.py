@@ -460,19 +460,9 @@ def _reduced(exponents: dict[str, int]) -> list[tuple[Monomial, int]]:
     return [(tuple(sorted((g, e) for g, e in exponents.items() if e)), 1)]
 
 
-def format_polynomial(
-    polynomial: Polynomial, names: Mapping[str, str] | None = None
-) -> str:
-    """Plain text with generators called by other names, which :func:`echelon.algebra.exact.expressions.parse` reads."""
-    called = names or {}
-    terms = (
-        [(called.get(g, g), e) for g, e in monomial]
-        for monomial, _ in polynomial.sorted_terms()
-    )
-    text = " + ".join(
-        _format_term(m, c)
-        for m, (_, c) in zip(terms, polynomial.sorted_terms(), strict=True)
-    )
+def format_polynomial(polynomial: Polynomial) -> str:
+    """Plain text, which :func:`echelon.algebra.exact.expressions.parse` reads."""
+    text = " + ".join(_format_term(m, c) for m, c in polynomial.sorted_terms())
     return text.replace("+ -", "- ") or "0"
 
 

@@ -156,11 +156,6 @@ class Ring:
 # -- factors and remainders, with rational coefficients and independent generators -------------------------------------
 
 
-def is_rational(polynomial: Polynomial) -> bool:
-    """Whether no coefficient has a square root in it."""
-    return not any(isinstance(c, Surd) for c in polynomial.terms.values())
-
-
 def factors(polynomial: Polynomial) -> tuple[Fraction, list[tuple[Polynomial, int]]]:
     """A non-zero polynomial as a number times powers of irreducible factors.
 

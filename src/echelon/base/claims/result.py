@@ -224,7 +224,8 @@ class Audit:
             for finding in self.findings
             if finding.redundant
         ]
-        lines += ["", *redundant] if redundant else []
+        if redundant:
+            lines += ["", *redundant]
         for missing in self.missing:
             lines += [
                 "",

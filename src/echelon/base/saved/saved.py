@@ -549,7 +549,8 @@ def verify(
             model.mechanism, random_generator(recorded.seed), generic=False
         )
         singular = structure.where_modes_meet
-        doubts += [structure.doubt] if structure.doubt and not singular else []
+        if structure.doubt and not singular:
+            doubts.append(structure.doubt)
     stated = None if model.generic else at_values
     progress("repeating the recorded check")
     _compare(recorded, certify(forms, model.matrix, recorded.seed, stated, singular))

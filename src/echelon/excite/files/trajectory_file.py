@@ -40,15 +40,12 @@ from echelon.excite.problem.trajectory import (
 )
 from echelon.identification import existing_file
 from echelon.shared import (
-    Discriminator,
+    ByValue,
     Floats,
     InputError,
     Record,
-    Tag,
-    UnfitError,
     Within,
     locating,
-    nearest_of,
     one_line,
     parse_json,
     plain_data,
@@ -59,9 +56,6 @@ from echelon.shared import (
     required,
     schema_of,
     write_atomically,
-)
-from echelon.shared import (
-    kind_of as found_kind,
 )
 
 VERSION = 1  # version of the format
@@ -123,23 +117,9 @@ class SumRecord(Record):
     parts: Annotated[list[Motion], Within(min_length=1)]
 
 
-def _family(value: Any) -> str:
-    families = ("fourier", "splines", "sum")
-    if not isinstance(value, dict):
-        raise UnfitError(f"needs a mapping, found {found_kind(value)}")
-    family = str(value.get("family"))
-    if family not in families:
-        raise UnfitError(
-            f"'{family}' is no value of 'family'{nearest_of(family, families)}"
-        )
-    return family
-
-
 Motion = Annotated[
-    Annotated[FourierRecord, Tag("fourier")]
-    | Annotated[SplinesRecord, Tag("splines")]
-    | Annotated[SumRecord, Tag("sum")],
-    Discriminator(_family),
+    FourierRecord | SplinesRecord | SumRecord,
+    ByValue("family", "{family: fourier, …}"),
 ]
 
 

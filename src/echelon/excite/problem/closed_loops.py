@@ -221,12 +221,7 @@ def loop_motion(mechanism: Mechanism) -> LoopMotion | None:
 
 def passive_motions(mechanism: Mechanism) -> list[Motion]:
     """Motions without a motor of their own: those of floating bases and of balls."""
-    floating = [
-        m
-        for body in mechanism.bodies
-        if body.joint.kind == "floating"
-        for m in body.joint.motions
-    ]
+    floating = (m for joint in mechanism.floating_joints for m in joint.motions)
     return [*floating, *(m for m in mechanism.motions if m.kind is MotionKind.BALL)]
 
 

@@ -60,7 +60,7 @@ def information_of_logs(
     if entry.move is not None or entry.hold:
         problem = "logs determine other parameters than a trajectory with held coordinates; let all of them move"
         raise InputError(problem, source=setup.source, element="excitation")
-    if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
+    if setup.mechanism.floating_joints:
         raise InputError(
             "logs move a floating base, and trajectories hold it", source=setup.source
         )

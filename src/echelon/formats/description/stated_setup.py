@@ -34,7 +34,7 @@ from echelon.formats.schema.schema_setup import (
 )
 from echelon.formats.schema.schema_types import Frame, LoopEntry
 from echelon.formats.snapping import ReadingOptions
-from echelon.formats.usual_effects import effect_label, floating_velocities, slides
+from echelon.formats.usual_effects import effect_label, slides
 from echelon.robot import (
     GROUND,
     POSITIVE_CONSTANTS,
@@ -295,7 +295,7 @@ class Additions:
     def _ready(self, entry: ReadyEffect, path: str) -> list[Effect]:
         names = (entry.at,) if isinstance(entry.at, str) else entry.at
         if names == (EVERY,):
-            free = floating_velocities(self.mechanism)
+            free = self.mechanism.floating_velocities
             every = self.mechanism.velocities if entry.side == "joint" else self._drives
             names = tuple(name for name in self._stiff(every) if name not in free)
         for constant, text in entry.constants.items():

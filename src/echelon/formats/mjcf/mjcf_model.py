@@ -360,22 +360,19 @@ def _effect_notes(spec: Any) -> list[str]:
         for name in _EFFECTS
         if any(np.any(getattr(joint, name)) for joint in spec.joints)
     ]
-    found += (
-        ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
-    )
+    if any(body.gravcomp for body in spec.bodies):
+        found.append("gravity compensation")
     acts = any(
         np.any(getattr(tendon, name, 0)) for tendon in spec.tendons for name in _EFFECTS
     )
-    found += ["forces of tendons"] if acts else []
-    found += (
-        ["limits of tendons"]
-        if any(_is_limited(tendon) for tendon in spec.tendons)
-        else []
-    )
-    found += ["drag of a fluid"] if spec.option.density or spec.option.viscosity else []
-    found += (
-        ["forces of plugins"] if any(body.plugin.active for body in spec.bodies) else []
-    )
+    if acts:
+        found.append("forces of tendons")
+    if any(_is_limited(tendon) for tendon in spec.tendons):
+        found.append("limits of tendons")
+    if spec.option.density or spec.option.viscosity:
+        found.append("drag of a fluid")
+    if any(body.plugin.active for body in spec.bodies):
+        found.append("forces of plugins")
     joints = {
         import_mujoco().mjtTrn.mjTRN_JOINT,
         import_mujoco().mjtTrn.mjTRN_JOINTINPARENT,

@@ -62,10 +62,11 @@ from echelon.formats.mjcf.mjcf_numbers import (
     placements,
     quaternion_matrix,
 )
-from echelon.robot import ClosureKind, MotionKind
+from echelon.robot import FLOATING, ClosureKind, MotionKind
 from echelon.shared import InputError, unused
 
 _JOINT_TYPES = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
+_KINDS = {"free": FLOATING}  # of joints, where another name is usual
 _SINGLE = {"slide": MotionKind.TRANSLATION, "hinge": MotionKind.ROTATION}
 _UNNAMED = "MuJoCo Model"
 _SOME_MASS = 2 * NO_MASS
@@ -248,7 +249,7 @@ class _MjcfReader:
             name,
             int(self.model.body_parentid[index]),
             "+".join(self._name(j) for j in moving) or name,
-            "+".join(self._kind(j) for j in moving) or "fixed",
+            "+".join(_KINDS.get(k, k) for k in map(self._kind, moving)) or "fixed",
             tuple(self._steps(index, name, joints, held)),
             self._inertial(index, name),
             self._rest(index, name),
@@ -265,7 +266,7 @@ class _MjcfReader:
             self._kind(j) == "free" for j in joints
         ):  # its position is the whole pose: body_pos does not count
             yield from (
-                LiteralMotion(f"joint '{self._name(j)}'", self._name(j), "floating")
+                LiteralMotion(f"joint '{self._name(j)}'", self._name(j), FLOATING)
                 for j in joints
             )
             return

@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import math
 import re
-from functools import partial, reduce
-from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from echelon.algebra import PER_PI, PI, is_whole, parse, pi_generators
 from echelon.formats.snapping import NOT_FINITE
 from echelon.robot import ClosureKind
 from echelon.shared import (
     BeforeValidator,
+    ByValue,
     Discriminator,
     PlainValidator,
     Record,
@@ -30,7 +30,6 @@ from echelon.shared import (
     WithJsonSchema,
     kind_of,
     model_check,
-    nearest_of,
     optional,
     required,
 )
@@ -347,32 +346,10 @@ class CustomJoint(Model):
     )
 
 
-_JOINTS = (AxisJoint, HelicalJoint, UniversalJoint, PlainJoint, CustomJoint)
-
-
-def _kind_of_joint(value: Any) -> str:
-    if not isinstance(value, dict):
-        example = "{type: revolute, axis: z}"
-        raise UnfitError(f"needs a mapping such as {example}, found {kind_of(value)}")
-    if "type" not in value:
-        raise UnfitError(
-            "the key 'type' is missing: a joint has a type such as revolute"
-        )
-    types: dict[str, str] = {}
-    for model in _JOINTS:
-        kinds = get_args(model.model_fields["type"].annotation)
-        types |= dict.fromkeys(kinds, model.__name__)
-    kind = str(value["type"])
-    if kind not in types:
-        raise UnfitError(f"unknown joint type '{kind}'{nearest_of(kind, types)}")
-    return types[kind]
-
-
-if TYPE_CHECKING:
-    Joint = AxisJoint | HelicalJoint | UniversalJoint | PlainJoint | CustomJoint
-else:
-    _tagged = [Annotated[model, Tag(model.__name__)] for model in _JOINTS]
-    Joint = Annotated[reduce(or_, _tagged), Discriminator(_kind_of_joint)]
+Joint = Annotated[
+    AxisJoint | HelicalJoint | UniversalJoint | PlainJoint | CustomJoint,
+    ByValue("type", "{type: revolute, axis: z}"),
+]
 
 
 if TYPE_CHECKING:

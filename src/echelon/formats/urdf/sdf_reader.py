@@ -289,7 +289,8 @@ class _SdfReader(_Frames):
         found = [
             tag for tag in ("model", "include") if self.model.find(tag) is not None
         ]
-        found += ["placement_frame"] if self.model.get("placement_frame") else []
+        if self.model.get("placement_frame"):
+            found.append("placement_frame")
         if found or not self.links:
             problem = (
                 f"has <{found[0]}>, which is not read: write one model of links"

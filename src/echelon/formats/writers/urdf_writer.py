@@ -325,7 +325,8 @@ class UrdfGenerator:
             lines += _joint(
                 step.name, _TYPES[step.kind], link, child, frame, self._moving(step)
             )
-            lines += [f"<link name={quoted(child)}/>"] if left else []
+            if left:
+                lines.append(f"<link name={quoted(child)}/>")
             link, frame = child, np.eye(4)
         return lines, _Seat(link, frame)
 

@@ -39,6 +39,7 @@ from echelon.identification.estimators.estimate import (
     Estimate,
     WeightedSolution,
     augmented,
+    check_rest,
     estimate_of,
     inverse_triangle,
     solved,
@@ -56,10 +57,7 @@ from echelon.shared import Floats, InputError, extra
 def tls(observation: Observation, units: Sequence[str]) -> Estimate:
     """Total least squares."""
     plain = solved(observation, units)
-    if plain.degrees <= 0:
-        raise InputError(
-            "no row is left over to estimate the errors from; give more samples"
-        )
+    check_rest(plain.degrees)
     triangle = plain.triangle
     size = float(np.hypot(np.linalg.norm(triangle.qty), triangle.residual))
     if size == 0:

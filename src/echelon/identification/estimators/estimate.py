@@ -182,6 +182,14 @@ def check(observation: Observation, units: Sequence[str]) -> None:
             )
 
 
+def check_rest(degrees: float) -> None:
+    """Refuse rows that parameters use up, so that none tells the noise."""
+    if degrees <= 0:
+        raise InputError(
+            "no row is left over to estimate the noise from; give more samples"
+        )
+
+
 def inverse_triangle(R: Floats) -> Floats:
     """R⁻¹ of an upper triangle without zeros on its diagonal; columns of very different sizes do no harm."""
     with extra("identify"):

@@ -44,6 +44,7 @@ from echelon.identification.estimators.estimate import (
     Estimate,
     WeightedSolution,
     check,
+    check_rest,
     direction_text,
     estimate_of,
     open_directions,
@@ -88,12 +89,8 @@ def wls(
 ) -> Estimate:
     """Least squares with given ratios of noise; a common factor is estimated."""
     solution = solved(observation, units, 1.0 / checked_noise(observation, noise))
-    degrees = solution.degrees
-    if degrees <= 0:
-        raise InputError(
-            "no row is left over to estimate the common factor of the noise from; give more samples"
-        )
-    factor = solution.triangle.residual**2 / degrees
+    check_rest(solution.degrees)
+    factor = solution.triangle.residual**2 / solution.degrees
     return estimate_of(solution, "wls", units, factor * solution.inverse, {})
 
 
@@ -222,10 +219,7 @@ def minimum_norm(observation: Observation, units: Sequence[str]) -> Estimate:
     check(observation, units)
     triangle = observation.combined()
     degrees = float(triangle.rows - triangle.rank)
-    if degrees <= 0:
-        raise InputError(
-            "no row is left over to estimate the noise from; give more samples"
-        )
+    check_rest(degrees)
     singular, rank = triangle.scaled_singular_values, triangle.rank
     root = pseudo_root(triangle.R, triangle.rows)
     values = root @ (triangle.R @ root).T @ triangle.qty

@@ -23,6 +23,7 @@ from echelon.identification.estimators.estimate import (
     Estimate,
     WeightedSolution,
     check,
+    check_rest,
     estimate_of,
 )
 from echelon.shared import Floats, InputError, extra
@@ -124,10 +125,7 @@ class _Spectrum:
 
 def _ratio(spectrum: _Spectrum, weight: float | str) -> tuple[float, bool]:
     """Noise variance over prior variance, and whether the search ended at the bound of its range."""
-    if spectrum.rest == 0:
-        raise InputError(
-            "no row is left over to estimate the noise from; give more samples"
-        )
+    check_rest(spectrum.rest)
     if weight == "evidence":
         whole = float(spectrum.squares.max(initial=0.0)) or 1.0
         return _minimised(

@@ -100,6 +100,11 @@ class States:
         return States(q, qd, qdd, y, inputs, pieces, np.ones(y.shape[1]), gravity, band)
 
     @property
+    def motion(self) -> Motion:
+        """Positions, velocities and accelerations."""
+        return self.q, self.qd, self.qdd
+
+    @property
     def time(self) -> Floats:
         """Times of the samples since the first one, s; logs follow one another."""
         parts, begin = [], 0.0
@@ -196,12 +201,10 @@ class States:
     def predicted(self, base: BaseModel, values: Floats) -> Floats:
         """The outputs of a model, shape (samples, outputs)."""
         if self.drives is None:
-            return self.scale * base.predict(
-                self.q, self.qd, self.qdd, values, self.symbols, dict(self.inputs)
-            )
-        ahead = replace(
-            self, q=self.drives[0], qd=self.drives[1], qdd=self.drives[2], drives=None
-        )
+            of_joints = base.predict(*self.motion, values, self.symbols, self.inputs)
+            return self.scale * of_joints
+        q, qd, qdd = self.drives
+        ahead = replace(self, q=q, qd=qd, qdd=qdd, drives=None)
         bodies = of_bodies(base)
         joints = replace(self, drives=None)
         of_effects = ahead.predicted(base, np.where(bodies, 0.0, values))
@@ -229,9 +232,7 @@ def of_bodies(base: BaseModel) -> Flags:
 
 
 def _predicted(base: BaseModel, samples: Samples, values: Floats) -> Floats:
-    return base.predict(
-        samples.q, samples.qd, samples.qdd, values, None, dict(samples.inputs)
-    )
+    return base.predict(*samples.motion, values, None, samples.inputs)
 
 
 @dataclass(frozen=True)
@@ -390,7 +391,7 @@ class Evidence:
     def _filtered_entries(self, states: States) -> Floats:
         """Entries of the regressor after the filter, shape (rows, entries)."""
         if self._last is None or not states.moves_like(self._last[0]):
-            entries = self._entries_at(states, (states.q, states.qd, states.qdd))
+            entries = self._entries_at(states, states.motion)
             if states.drives is not None:
                 entries[:, self._of_effects] = self._entries_at(states, states.drives)[
                     :, self._of_effects
@@ -399,9 +400,8 @@ class Evidence:
         return self._last[1]
 
     def _entries_at(self, states: States, motion: Motion) -> Floats:
-        return self.base.regressor_entries(
-            *motion, states.symbols, dict(states.inputs), threads=1
-        )
+        given = states.symbols, states.inputs
+        return self.base.regressor_entries(*motion, *given, threads=1)
 
 
 def width(term: Mapping[int, Floats]) -> int:

@@ -235,12 +235,7 @@ class Judge:
         )
         found = []
         for terms in _grouped(tried):
-            trial = _Trial(
-                terms,
-                held,
-                Beside(held, rows, self.states, [term.signals for term in terms]),
-            )
-            candidate = trial.candidate(trial.columns)
+            candidate = self._candidate(terms, held, rows)
             if candidate is not None:
                 found.append(candidate)
         far = self._far(model, first, held, rows)
@@ -385,31 +380,11 @@ class Judge:
             term.knob.moved(self.states, start, np.zeros_like(self.states.y))
         )
         rows = held.products.counts / np.maximum(model.counts, 1)
-        before, after = held.squares, rows * HeldOut(model, fit.noise).squares
-        spread = np.maximum(held.products.spread, _TINY)
-        shown = outputs or [
-            max(
-                term.signals,
-                key=lambda k: float((before - after)[:, k].sum() / spread[k]),
-            )
-        ]
-        old, new = (
-            tuple(float(1 - e[:, k].sum() / spread[k]) for k in shown)
-            for e in (before, after)
-        )
+        after = rows * HeldOut(model, fit.noise).squares
+        judged = _judged((term,), held, after, outputs)
         names = tuple(self.readings.outputs[k] for k in outputs) or (term.place,)
-        gained = Advantage.of(before, after, _floor(held.products))
-        judged = Judged(
-            term.kind,
-            term.words,
-            "",
-            term.usual,
-            gained,
-            names,
-            ("",) * len(names),
-            old,
-            new,
-        )
+        entries = ("",) * len(names)
+        judged = replace(judged, write="", places=names, entries=entries)
         return _Candidate(judged, (term,), after, start)
 
     def _takes(self, chosen: _Candidate) -> bool:
@@ -441,25 +416,19 @@ class Judge:
             self.states, [term.signals for term in others]
         )
         held = HeldOut(products, fitted(products).noise)
-        again = self._candidate(some.terms, held, [term.signals for term in others])
+        rows = list(self.evidence.rows(self.states, [term.signals for term in others]))
+        again = self._candidate(some.terms, held, rows)
         if again is not None and again.judged.gain.ratio > _SURE:
             return True
         self.terms = others
         return False
 
     def _candidate(
-        self,
-        terms: Sequence[Term],
-        held: HeldOut,
-        signals: Sequence[Mapping[int, Floats]],
+        self, terms: Sequence[Term], held: HeldOut, rows: Sequence[OutputRows]
     ) -> _Candidate | None:
-        """A hypothesis beside a model with some columns, at the places where it matters; None if there are none."""
-        rows = list(self.evidence.rows(self.states, signals))
-        trial = _Trial(
-            terms,
-            held,
-            Beside(held, rows, self.states, [term.signals for term in terms]),
-        )
+        """A hypothesis beside a model with some rows, at the places where it matters; None if there are none."""
+        signals = [term.signals for term in terms]
+        trial = _Trial(terms, held, Beside(held, rows, self.states, signals))
         return trial.candidate(trial.columns)
 
     def _said(self, taken: Sequence[_Candidate]) -> list[Judged]:
@@ -753,34 +722,8 @@ class _Trial:
             columns = worth
         if not columns:
             return None
-        terms, spread = (
-            tuple(self.terms[term] for term in columns),
-            np.maximum(self.spread, _TINY),
-        )
-        outputs = [
-            max(
-                _shown(t, before),
-                key=lambda k: float((before - after)[:, k].sum() / spread[k]),
-            )
-            for t in terms
-        ]
-        old, new = (
-            tuple(float(1 - e[:, k].sum() / spread[k]) for k in outputs)
-            for e in (before, after)
-        )
-        entries, names = tuple(t.write for t in terms), tuple(t.place for t in terms)
-        gain = Advantage.of(before, after, _floor(self.held.products))
-        judged = Judged(
-            terms[0].kind,
-            terms[0].words,
-            entries[0],
-            terms[0].usual,
-            gain,
-            names,
-            entries,
-            old,
-            new,
-        )
+        terms = tuple(self.terms[term] for term in columns)
+        judged = _judged(terms, self.held, after)
         return _Candidate(judged, terms, after, columns=columns, trial=self)
 
     def pruned(self, chosen: _Candidate) -> _Candidate:
@@ -823,6 +766,31 @@ _TINY = np.finfo(float).tiny
 def _floor(products: Products) -> Floats:
     """Squares that count as none, shape (outputs,)."""
     return _FLOOR**2 * products.spread
+
+
+def _judged(
+    terms: Sequence[Term], held: HeldOut, after: Floats, outputs: Sequence[int] = ()
+) -> Judged:
+    """Terms as a hypothesis, by what they leave of blocks and outputs, told by the outputs in which they show most."""
+    before, spread = held.squares, np.maximum(held.products.spread, _TINY)
+    gains = (before - after).sum(axis=0) / spread
+    told = outputs or [max(_shown(t, before), key=gains.__getitem__) for t in terms]
+    old, new = (
+        tuple((1 - squares[:, told].sum(axis=0) / spread[told]).tolist())
+        for squares in (before, after)
+    )
+    first, entries = terms[0], tuple(term.write for term in terms)
+    return Judged(
+        first.kind,
+        first.words,
+        entries[0],
+        first.usual,
+        Advantage.of(before, after, _floor(held.products)),
+        tuple(term.place for term in terms),
+        entries,
+        old,
+        new,
+    )
 
 
 def _pruned(chosen: _Candidate) -> _Candidate:
@@ -875,11 +843,7 @@ def _marks(products: Products, values: Floats) -> Floats:
 
 
 def _between(before: Floats, after: Floats) -> Advantage:
-    differences = before - after
-    return Advantage(
-        float(differences.mean()),
-        float(differences.std(ddof=1) / np.sqrt(len(differences))),
-    )
+    return Advantage.of_blocks(before - after)
 
 
 def _grouped(tried: Sequence[Term]) -> list[list[Term]]:

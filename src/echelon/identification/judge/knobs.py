@@ -269,7 +269,7 @@ def _ahead(
         positions[:, q] -= ahead
         velocities[:, v] -= rate
         accelerations[:, v] -= states.derivative(rate)
-        drives = states.drives or (states.q, states.qd, states.qdd)
+        drives = states.drives or states.motion
         return replace(
             states, q=positions, qd=velocities, qdd=accelerations, drives=drives
         )

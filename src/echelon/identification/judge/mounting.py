@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from echelon.base import BaseModel, base_parameters
-from echelon.formats import floating_velocities, gravity_vector
+from echelon.formats import gravity_vector
 from echelon.identification.judge.evidence import GRAVITY
 from echelon.robot import Mechanism, known_values
 from echelon.shared import Floats, InputError
@@ -64,7 +64,7 @@ def standing(mechanism: Mechanism) -> Mechanism:
         If the base moves or loops are closed: no other direction is looked for then.
     """
     if not _is_fixed(mechanism):
-        what = "a base that moves" if floating_velocities(mechanism) else "closed loops"
+        what = "a base that moves" if mechanism.floating_joints else "closed loops"
         raise InputError(
             f"the direction of gravity is not estimated for robots with {what}: state it, as in "
             f"--gravity 0,0,-{_EARTH} or gravity: [0, 0, -{_EARTH}]",
@@ -74,7 +74,7 @@ def standing(mechanism: Mechanism) -> Mechanism:
 
 
 def _is_fixed(mechanism: Mechanism) -> bool:
-    return not (mechanism.dependent_velocities or floating_velocities(mechanism))
+    return not (mechanism.dependent_velocities or mechanism.floating_joints)
 
 
 def with_gravity(mechanism: Mechanism, gravity: Floats) -> Mechanism:

@@ -358,9 +358,7 @@ class Readings:
     def _changed(self, change: _Change, rows: States) -> States:
         """States as a change reads them."""
         if change.couples:
-            rows = replace(
-                rows, drives=(rows.q, rows.qd, rows.qdd), shared=change.outputs
-            )
+            rows = replace(rows, drives=rows.motion, shared=change.outputs)
         if change.outputs is not None:
             rows = replace(rows, y=rows.y @ change.outputs.T)
         if (

@@ -91,6 +91,27 @@ class Samples:
         """Samples of which one row remains."""
         return 1 if self.reduction is None else self.reduction.factor
 
+    @property
+    def reach(self) -> int:
+        """Samples on either side that a row depends on."""
+        return 0 if self.reduction is None else self.reduction.reach
+
+    def reduced(self, values: Floats) -> Floats:
+        """Values (N, …) of some samples in a row, as both sides are filtered, where rows stand."""
+        return values if self.reduction is None else self.reduction.apply(values)
+
+    @property
+    def left_out(self) -> Flags | None:
+        """What no row is made of, shape (N, outputs): near standstill, or at a limit of a sensor; nothing if None."""
+        if self.moving is None:
+            return self.pinned
+        return ~self.moving if self.pinned is None else ~self.moving | self.pinned
+
+    @property
+    def motion(self) -> tuple[Floats, Floats, Floats]:
+        """Positions, velocities and accelerations."""
+        return self.q, self.qd, self.qdd
+
     def cut(self, some: slice) -> Samples:
         """Some of the samples, with the clock and the ends still to be stated."""
         return replace(

@@ -159,10 +159,7 @@ def _advantage(
     factors = None if weights is None else np.asarray(weights, dtype=float)
     ways = (least_squares, partial(_with_weight, problem.base_values, weight))
     plain, physical = _stretch_errors(ways, pieces, factors).T
-    gains = plain - physical
-    return Advantage(
-        float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
-    )
+    return Advantage.of_blocks(plain - physical)
 
 
 def by_discrepancy(

@@ -9,35 +9,30 @@ that of a plain body.  Where there is no prior, a reference is a body of a plain
 common mass, with which they explain the data best.
 
 A set-up is often a DH table and the prior a URDF file from CAD, with other frames on the same bodies.  At the zero pose
-both stand in the same place, so a body's frame in one description can be placed in the other; the inertias follow by a
-change of frame.  What makes this right is checked: every joint axis must be the same line, with the same direction.
-(Descriptions whose zero poses differ cannot be told apart from wrong ones by this, and are refused.)
+the axes of one lie over those of the other (:mod:`echelon.base.kinematic_match`), so a body's frame in one description
+can be placed in the other; the inertias follow by a change of frame.  Every joint axis must be the same line, with the
+same direction.  (Descriptions whose zero poses differ cannot be told apart from wrong ones by this, and are refused.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base import BaseModel
+from echelon.base import BaseModel, Correspondence, bare_tree, correspondences
 from echelon.identification.logs.finding import Finding, note, warning
 from echelon.identification.physics.bounds import Roles
 from echelon.robot import (
     GROUND,
     Mechanism,
-    Motion,
-    MotionKind,
-    Placement,
-    all_symbols,
     characteristic_length,
     from_pseudo_inertia,
+    lock_joints,
     move,
-    placement_matrix,
     pseudo_inertia,
-    symbol_values,
     warn_of_impossible,
 )
 from echelon.shared import PER_BODY, Floats, InputError
@@ -88,7 +83,8 @@ def reference(role: Roles, prior: npt.ArrayLike | None, mass: float = 1.0) -> Re
             continue
         fixed, finding = repaired(body, size, name)
         bodies.append(fixed)
-        findings += [finding] if finding else []
+        if finding:
+            findings.append(finding)
     return Reference(
         np.array(bodies).reshape(-1, PER_BODY),
         np.array(informed, dtype=bool),
@@ -180,7 +176,6 @@ def common_mass(role: Roles, design: Floats, target: Floats) -> float:
 
 
 APART = 1e-3  # distance of joint axes that are the same, m and rad at most: files round both
-ACROSS = 0.1  # sine of the least angle between axes that show where the base stands: errors grow tenfold at most
 
 
 @dataclass(frozen=True, repr=False)
@@ -227,18 +222,16 @@ def known_before(base: BaseModel, other: Mechanism | None) -> Prior | None:
 def prior_from(base: BaseModel, other: Mechanism) -> Prior:
     """Standard parameters of a set-up as another description of the robot states them.
 
-    Bodies are matched by the names of their joints where all of the set-up's are there, else in order.  Bodies that
-    are fixed to others count as part of them, as in :func:`echelon.load`, and so do bodies on joints that only the
-    other description has, at their zero position.  Base frames may stand in different places but must have parallel
-    axes, because gravity is given in them.
+    Joints are matched by their names where all of the set-up's are there, else in order.  Bodies that are fixed to
+    others count as part of them, as in :func:`echelon.load`, and so do bodies on joints that only the other description
+    has, at their zero position.  Base frames may stand anywhere.
     """
     mechanism = base.mechanism
-    pairs = _matched(mechanism, other)
-    ours, theirs = _ZeroPose.of(mechanism), _ZeroPose.of(other)
-    theirs = theirs.shifted(_offset(ours, theirs, pairs))
-    for mine, yours in pairs.items():
-        _compare(ours, theirs, mine, yours)
-    totals = _lumped(other, theirs, set(pairs.values()))
+    found = _laid_over(mechanism, other)
+    _check_axes(found)
+    pairs = _body_pairs(found)
+    ours = found.first
+    totals = _lumped(other, found.second.frames, set(pairs.values()))
     values = np.full(len(mechanism.columns), np.nan)
     findings = _locked(other, set(pairs.values()))
     for body in mechanism.carriers:
@@ -250,16 +243,11 @@ def prior_from(base: BaseModel, other: Mechanism) -> Prior:
         ]
         if sharing:
             # bodies that share their parameters get the mean of what is stated, which is a body, too
-            own = np.mean(
-                [
-                    move(totals[pairs[k]], np.linalg.inv(ours.frames[k]))
-                    for k in sharing
-                ],
-                axis=0,
-            )
-            moved, found = _mended(own, mechanism, body)
-            values[first : first + len(carried)] = moved[list(carried)]
-            findings += found
+            frames = {k: found.moves[ours.node[k]] @ ours.frames[k] for k in sharing}
+            each = [move(totals[pairs[k]], np.linalg.inv(frames[k])) for k in sharing]
+            own, mended = _mended(np.mean(each, axis=0), mechanism, body)
+            values[first : first + len(carried)] = own[list(carried)]
+            findings += mended
         elif len(carried) == PER_BODY:
             text = f"{other.name} states no inertia for it; it is drawn towards a plain shape only"
             findings.append(
@@ -287,90 +275,69 @@ def _mended(
     )
     for mend in (repaired, without_placeholder):
         values, finding = mend(values, size, name)
-        findings += [finding] if finding else []
+        if finding:
+            findings.append(finding)
     return values, findings
 
 
-@dataclass(frozen=True)
-class _MotionAtZero:
-    """An elementary motion at the zero pose: its frame, and what it is."""
-
-    frame: Floats
-    motion: Motion
-
-    @property
-    def direction(self) -> Floats:
-        return np.asarray(self.frame[:3, self.motion.axis] * self.motion.sign)
-
-    @property
-    def fixed(self) -> Floats:
-        """Projection onto the directions in which the frame's origin matters, shape (3, 3)."""
-        if self.motion.kind is MotionKind.TRANSLATION:
-            return np.zeros((3, 3))
-        if self.motion.kind is MotionKind.BALL:
-            return np.eye(3)
-        return np.eye(3) - np.outer(self.direction, self.direction)
-
-
-@dataclass(frozen=True)
-class _ZeroPose:
-    """A mechanism at its zero pose: body frames in the base, and the axes of every body's joint."""
-
-    mechanism: Mechanism
-    frames: tuple[Floats, ...]
-    axes: tuple[tuple[_MotionAtZero, ...], ...]
-
-    @staticmethod
-    def of(mechanism: Mechanism) -> _ZeroPose:
-        symbols = symbol_values(mechanism, sorted(_used(mechanism)))
-        frames: list[Floats] = []
-        axes = []
-        for body in mechanism.bodies:
-            frame = np.eye(4) if body.parent == GROUND else frames[body.parent]
-            found = []
-            for step in body.joint.steps:
-                if isinstance(step, Placement):
-                    frame = frame @ placement_matrix(step, symbols)
-                else:
-                    found.append(_MotionAtZero(frame, step))
-            frames.append(frame)
-            axes.append(tuple(found))
-        return _ZeroPose(mechanism, tuple(frames), tuple(axes))
-
-    def shifted(self, offset: Floats) -> _ZeroPose:
-        """The pose with its base moved."""
-        shift = np.eye(4)
-        shift[:3, 3] = offset
-        axes = tuple(
-            tuple(replace(axis, frame=shift @ axis.frame) for axis in some)
-            for some in self.axes
-        )
-        return _ZeroPose(
-            self.mechanism, tuple(shift @ frame for frame in self.frames), axes
-        )
-
-
-def _used(mechanism: Mechanism) -> set[str]:
-    needed = {name for body in mechanism.bodies for name in body.joint.symbols()}
-    return needed & all_symbols(mechanism)
-
-
-def _matched(mechanism: Mechanism, other: Mechanism) -> dict[int, int]:
-    """Bodies that correspond: moving ones by joint name or in order, fixed ones by name."""
+def _laid_over(mechanism: Mechanism, other: Mechanism) -> Correspondence:
+    """The axes of both at the zero pose, without joints that only the other description has."""
     mine, yours = _moving(mechanism), _moving(other)
-    names = {other.bodies[k].joint.name: k for k in yours}
-    if all(mechanism.bodies[k].joint.name in names for k in mine):
-        pairs = {k: names[mechanism.bodies[k].joint.name] for k in mine}
-    elif len(yours) < len(mine):
+    if len(yours) < len(mine):
         problem = f"the prior {other.name} has {len(yours)} moving bodies, the set-up {len(mine)}: not the same robot"
         raise InputError(problem)
-    else:
-        pairs = dict(zip(mine, yours, strict=False))
-    fixed = {body.name: k for k, body in enumerate(other.bodies) if body.joint.is_fixed}
-    for k, body in enumerate(mechanism.bodies):
+    names = {mechanism.bodies[k].joint.name for k in mine}
+    named = [k for k in yours if other.bodies[k].joint.name in names]
+    kept = named if len(named) == len(mine) else yours[: len(mine)]
+    trees = _only(mechanism, mine), _only(other, kept)
+    anywhere = np.zeros(3), np.zeros(3)
+    return correspondences(*trees, APART, APART, anywhere, same_positions=True)[0]
+
+
+def _only(mechanism: Mechanism, moving: Collection[int]) -> Mechanism:
+    """The tree in which only the joints of some bodies move, the others at zero."""
+    held = {
+        motion.name: 0.0
+        for k, body in enumerate(mechanism.bodies)
+        if k not in moving
+        for motion in body.joint.motions
+    }
+    return lock_joints(bare_tree(mechanism), held)
+
+
+def _body_pairs(found: Correspondence) -> dict[int, int]:
+    """Bodies that correspond: moving ones by their joints, fixed ones by name."""
+    one, two = found.first, found.second
+    pairs = {one.bodies[i]: two.bodies[j] for i, j in found.pairs}
+    for mine, yours in pairs.items():
+        joints = one.mechanism.bodies[mine].joint, two.mechanism.bodies[yours].joint
+        kinds = ["-".join(m.kind.value for m in joint.motions) for joint in joints]
+        if kinds[0] != kinds[1]:
+            problem = f"one is a {kinds[0]}, the other a {kinds[1]}"
+            raise InputError(problem, element=_where(joints[0].name, joints[1].name))
+    fixed = {b.name: k for k, b in enumerate(two.mechanism.bodies) if b.joint.is_fixed}
+    for k, body in enumerate(one.mechanism.bodies):
         if body.joint.is_fixed and body.name in fixed:
             pairs[k] = fixed[body.name]
     return pairs
+
+
+def _check_axes(found: Correspondence) -> None:
+    """Refuse joints that are not the same at the zero pose, and name the first."""
+    if not found.differences:
+        return
+    first = found.differences[0]
+    size = f"{first.size:.4g} {first.unit}"
+    if first.unit == "rad":
+        size = f"{np.degrees(first.size):.4g}°"
+    problem = f"the {first.kind} differs by {size}; the descriptions must have the same axes, zero pose and directions of "
+    problem += "joints"
+    theirs = {ours: theirs for theirs, ours in found.names.items()}[first.joint]
+    raise InputError(problem, element=_where(first.joint, theirs))
+
+
+def _where(ours: str, theirs: str) -> str:
+    return f"joint '{ours}' of the set-up and '{theirs}' of the prior"
 
 
 def _moving(mechanism: Mechanism) -> list[int]:
@@ -382,51 +349,7 @@ def _moving(mechanism: Mechanism) -> list[int]:
     ]
 
 
-def _offset(ours: _ZeroPose, theirs: _ZeroPose, pairs: Mapping[int, int]) -> Floats:
-    """Offset of the other base, as axes show it one after another, so that the first wrong one is named."""
-    offset, unknown = np.zeros(3), np.eye(3)
-    for mine, yours in pairs.items():
-        for a, b in zip(ours.axes[mine], theirs.axes[yours], strict=False):
-            gap = a.fixed @ (a.frame[:3, 3] - b.frame[:3, 3] - offset)
-            _, sizes, directions = np.linalg.svd(a.fixed @ unknown)
-            seen = directions[sizes > ACROSS]
-            step, *_ = np.linalg.lstsq(a.fixed @ seen.T, gap, rcond=None)
-            offset = offset + seen.T @ step
-            unknown = unknown - seen.T @ seen
-    return offset
-
-
-def _compare(ours: _ZeroPose, theirs: _ZeroPose, mine: int, yours: int) -> None:
-    names = [
-        posed.mechanism.bodies[k].joint.name
-        for posed, k in ((ours, mine), (theirs, yours))
-    ]
-    where = f"joint '{names[0]}' of the set-up and '{names[1]}' of the prior"
-    first, second = ours.axes[mine], theirs.axes[yours]
-    kinds = [[axis.motion.kind.value for axis in axes] for axes in (first, second)]
-    if kinds[0] != kinds[1]:
-        one, two = ("-".join(k) or "fixed" for k in kinds)
-        raise InputError(f"one is a {one}, the other a {two}", element=where)
-    for a, b in zip(first, second, strict=True):
-        if a.motion.kind is MotionKind.BALL:
-            apart = float(np.linalg.norm(a.frame[:3, :3] - b.frame[:3, :3]))
-        else:
-            apart = float(np.linalg.norm(a.direction - b.direction))
-        if apart > APART:
-            angle = np.degrees(2 * np.arcsin(min(1.0, apart / 2)))
-            problem = f"their axes are {angle:.4g}° apart at the zero pose; the descriptions must have the same zero "
-            raise InputError(
-                problem + "pose, directions of joints and axes of the base",
-                element=where,
-            )
-        distance = float(np.linalg.norm(a.fixed @ (a.frame[:3, 3] - b.frame[:3, 3])))
-        if distance > APART:
-            raise InputError(
-                f"their axes are {distance:.4g} m apart at the zero pose", element=where
-            )
-
-
-def _lumped(other: Mechanism, posed: _ZeroPose, hosts: set[int]) -> dict[int, Floats]:
+def _lumped(other: Mechanism, frames: Floats, hosts: set[int]) -> dict[int, Floats]:
     """For every host the parameters of itself and all that is taken as fixed to it, in the base frame."""
     totals: dict[int, Floats] = {}
     warn_of_impossible(
@@ -443,7 +366,7 @@ def _lumped(other: Mechanism, posed: _ZeroPose, hosts: set[int]) -> dict[int, Fl
         inertial = np.array(body.inertial)
         if body.carried and len(body.carried) < PER_BODY:
             inertial[[i for i in range(PER_BODY) if i not in body.carried]] = 0.0
-        moved = move(inertial, posed.frames[k])
+        moved = move(inertial, frames[k])
         totals[host] = totals[host] + moved if host in totals else moved
     return totals
 

@@ -199,24 +199,17 @@ class ModelRows:
             yield from self._free_blocks(samples, segment)
             return
         if own is not self:
-            for block in own.blocks_of(samples_alone(samples), segment):
+            for block in own.blocks_of(replace(samples, experiment=""), segment):
                 yield self._widened(block, samples.experiment)
             return
         # new memory for every window would take as long as its use
         room = np.empty((0, self.base.sparsity.shape[1]))
         for window in self._windows(samples):
             low, high = self._around(samples, window)
-            room = (
-                room
-                if high - low <= len(room)
-                else np.empty((high - low, room.shape[1]))
-            )
-            yield self._block(
-                samples,
-                window,
-                segment,
-                self._entries(samples, low, high, room[: high - low]),
-            )
+            if high - low > len(room):
+                room = np.empty((high - low, room.shape[1]))
+            entries = self._entries(samples, low, high, room[: high - low])
+            yield self._block(samples, window, segment, entries)
 
     def _widened(self, block: RowBlock, experiment: str) -> RowBlock:
         """Rows of an experiment among the outputs of all."""
@@ -275,11 +268,9 @@ class ModelRows:
     def projectors(self, samples: Samples, phases: Integers) -> Floats:
         """Matrices (N, outputs, outputs) that take unknown forces off the outputs of some samples."""
         outputs = self.own(samples).base.mechanism.outputs
-        unknown = np.zeros((len(samples), len(outputs)), dtype=bool)
-        if samples.pinned is not None:
-            unknown |= samples.pinned
-        if samples.moving is not None:
-            unknown |= ~samples.moving
+        unknown = samples.left_out
+        if unknown is None:
+            unknown = np.zeros((len(samples), len(outputs)), dtype=bool)
         found = np.empty((*unknown.shape, unknown.shape[1]))
         for k, part in enumerate(self.parts.values()):
             some = phases == k
@@ -297,23 +288,15 @@ class ModelRows:
         return replace(samples, moving=None, pinned=None), T @ signals
 
     def _free_blocks(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
-        own, phases, y = self.own(samples), self.phases(samples), samples.y
+        phases, y = self.phases(samples), samples.y
         assert y is not None
         for start, stop in self._windows(samples, _FREE_WINDOW):
             low, high = self._around(samples, (start, stop))
             part = samples.cut(slice(low, high))
-            regressor = own.base.regressor(
-                part.q, part.qd, part.qdd, self.symbols, inputs_of_effects(part)
-            )
+            regressor = self._regressor(part)
             table = np.concatenate([regressor, y[low:high, :, None]], axis=2)
-            table = self.projectors(part, phases[low:high]) @ table
-            kept = np.arange(high - low)
-            if samples.reduction is not None:
-                kept = samples.reduction.kept(high - low)
-                table = samples.reduction.apply(table.reshape(high - low, -1)).reshape(
-                    len(kept), *table.shape[1:]
-                )
-            places = low + kept
+            table = samples.reduced(self.projectors(part, phases[low:high]) @ table)
+            places = np.arange(low, high, samples.factor)
             inside = (places >= max(start, samples.first)) & (places < stop)
             places = places[inside]
             rows = {}
@@ -340,17 +323,17 @@ class ModelRows:
 
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
         """The outputs at all samples, before any filter; shape (N, outputs); without forces at contacts."""
-        own = self.own(samples)
         if self.base.mechanism.contacts:
-            q, qd, qdd = samples.q, samples.qd, samples.qdd
-            inputs = inputs_of_effects(samples)
-            regressor = own.base.regressor(q, qd, qdd, self.symbols, inputs)
-            return np.asarray(regressor @ np.asarray(values, dtype=float))
-        if own is not self:
-            return own.predict(samples_alone(samples), values)
-        return self.base.predict(
-            samples.q, samples.qd, samples.qdd, values, inputs=dict(samples.inputs)
-        )
+            return np.asarray(self._regressor(samples) @ np.asarray(values))
+        own, inputs = self.own(samples).base, samples.inputs
+        return own.predict(*samples.motion, values, self.symbols, inputs)
+
+    def _regressor(self, samples: Samples) -> Floats:
+        """The regressor of the experiment of some samples, shape (N, outputs, parameters), whatever touches."""
+        given = samples.inputs.items()
+        inputs = {name: some for name, some in given if not is_contact_input(name)}
+        own = self.own(samples).base
+        return own.regressor(*samples.motion, self.symbols, inputs)
 
     # -- windows -----------------------------------------------------------------------------------------------------
 
@@ -358,8 +341,7 @@ class ModelRows:
     def _windows(samples: Samples, most: int = _WINDOW) -> Iterator[tuple[int, int]]:
         """Stretches of samples that rows are made of, before the overlap; they start where a row may stand."""
         stop, factor = samples.end, samples.factor
-        reach = 0 if samples.reduction is None else samples.reduction.reach
-        size = -(-max(most, _REACHES * reach) // factor) * factor
+        size = -(-max(most, _REACHES * samples.reach) // factor) * factor
         first = samples.first // factor * factor
         yield from (
             (start, min(start + size, stop)) for start in range(first, stop, size)
@@ -368,45 +350,31 @@ class ModelRows:
     @staticmethod
     def _around(samples: Samples, window: tuple[int, int]) -> tuple[int, int]:
         """The samples that the rows of a window depend on."""
-        reduction, (start, stop) = samples.reduction, window
-        margin = (
-            0
-            if reduction is None
-            else -(-reduction.reach // reduction.factor) * reduction.factor
-        )
+        start, stop = window
+        margin = -(-samples.reach // samples.factor) * samples.factor
         return max(start - margin, 0), min(stop + margin, len(samples))
 
     def _block(
         self, samples: Samples, window: tuple[int, int], segment: int, entries: Floats
     ) -> RowBlock:
         """Rows of the samples in a window, output by output."""
-        (start, stop), (low, high), reduction = (
-            window,
-            self._around(samples, window),
-            samples.reduction,
-        )
+        (start, stop), (low, high) = window, self._around(samples, window)
         assert samples.y is not None
-        y = samples.y[low:high]
-        kept = (
-            np.arange(high - low) if reduction is None else reduction.kept(high - low)
-        )
-        if reduction is not None:
-            entries, y = reduction.apply(entries), reduction.apply(y)
-        places = low + kept
+        entries, y = samples.reduced(entries), samples.reduced(samples.y[low:high])
+        places = np.arange(low, high, samples.factor)
         inside = (places >= max(start, samples.first)) & (places < stop)
         times = (samples.start + places[inside] / samples.rate,) * len(self._columns)
         matrices = tuple(entries[np.ix_(inside, columns)] for columns in self._columns)
         block = RowBlock(samples.source, segment, times, matrices, tuple(y[inside].T))
-        fitted = _fitted(samples, slice(low, high))
+        part = samples.cut(slice(low, high))
+        fitted = _rows_without(part, part.left_out)
         return block if fitted is None else block.taken(tuple(fitted[inside].T))
 
     def _entries(self, samples: Samples, low: int, high: int, out: Floats) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
-        q, qd, qdd = (
-            values[low:high] for values in (samples.q, samples.qd, samples.qdd)
-        )
-        inputs = {name: values[low:high] for name, values in samples.inputs.items()}
-        return self.base.regressor_entries(q, qd, qdd, self.symbols, inputs, out=out)
+        part = samples.cut(slice(low, high))
+        motion, inputs = part.motion, part.inputs
+        return self.base.regressor_entries(*motion, self.symbols, inputs, out=out)
 
     @cached_property
     def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:
@@ -419,27 +387,11 @@ class ModelRows:
     # -- factors -----------------------------------------------------------------------------------------------------
 
     def _fused(self, samples: Samples) -> Observation:
-        window = slice(samples.first, samples.stop)
-        state = {
-            name: values[window]
-            for name, values in samples.state.items()
-            if name != "inputs"
-        }
-        inputs = {name: values[window] for name, values in samples.inputs.items()}
-        return self.base.accumulate({**state, "inputs": inputs}, self.symbols)
+        counted = samples.cut(slice(samples.first, samples.stop))
+        return self.base.accumulate(counted.state, self.symbols)
 
     def _factors(self, samples: Samples) -> Iterator[Observation]:
         return (observed(self.layout, block) for block in self.blocks_of(samples, 0))
-
-
-def samples_alone(samples: Samples) -> Samples:
-    """Samples as the model of their experiment takes them."""
-    return replace(samples, experiment="")
-
-
-def inputs_of_effects(samples: Samples) -> dict[str, Floats]:
-    """Inputs without those that say what touches."""
-    return {n: v for n, v in samples.inputs.items() if not is_contact_input(n)}
 
 
 def _projectors(
@@ -472,59 +424,34 @@ class Numbering:
 def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags | None]:
     """Times of rows, signals (rows, …) filtered like both sides, and which of them are fitted (rows, outputs)."""
     kept, inside = _kept(samples)
-    fitted = _fitted(samples, slice(None))
+    fitted = _rows_without(samples, samples.left_out)
     times = samples.start + kept[inside] / samples.rate
-    return (
-        times,
-        rows_filtered(samples, values),
-        None if fitted is None else fitted[inside],
-    )
+    filtered = rows_filtered(samples, values)
+    return times, filtered, None if fitted is None else fitted[inside]
 
 
 def rows_measured(samples: Samples) -> Flags | None:
     """Rows of whose samples hardly any is at a limit of its sensor, shape (rows, outputs); all if None."""
-    if samples.pinned is None:
-        return None
-    return _rows_without(samples, samples.pinned, slice(None))[_kept(samples)[1]]
+    measured = _rows_without(samples, samples.pinned)
+    return None if measured is None else measured[_kept(samples)[1]]
 
 
 def rows_filtered(samples: Samples, values: Floats) -> Floats:
     """Signals (samples, …) filtered like both sides, shape (rows, …)."""
-    reduced = values if samples.reduction is None else samples.reduction.apply(values)
-    return reduced[_kept(samples)[1]]
+    return samples.reduced(values)[_kept(samples)[1]]
 
 
 def _kept(samples: Samples) -> tuple[Integers, Flags]:
     """Samples that the filter of both sides leaves, and which of them are rows."""
-    kept = (
-        np.arange(len(samples))
-        if samples.reduction is None
-        else samples.reduction.kept(len(samples))
-    )
+    kept = np.arange(0, len(samples), samples.factor)
     return kept, (kept >= samples.first) & (kept < samples.end)
 
 
-def _fitted(samples: Samples, some: slice) -> Flags | None:
-    """Rows of some samples that are fitted, shape (rows, outputs); all if None."""
-    if samples.moving is None:
-        return (
-            None
-            if samples.pinned is None
-            else _rows_without(samples, samples.pinned, some)
-        )
-    left_out = (
-        ~samples.moving if samples.pinned is None else ~samples.moving | samples.pinned
-    )
-    return _rows_without(samples, left_out, some)
-
-
-def _rows_without(samples: Samples, left_out: Flags, some: slice) -> Flags:
-    """Rows of some samples to which those that are left out hardly contribute, shape (rows, outputs)."""
-    if samples.reduction is None:
-        return ~left_out[some]
-    return np.asarray(
-        np.abs(samples.reduction.apply(left_out[some].astype(float))) <= _UNKNOWN
-    )
+def _rows_without(samples: Samples, left_out: Flags | None) -> Flags | None:
+    """Rows of samples to which those that are left out hardly contribute, shape (rows, outputs); all if None."""
+    if left_out is None:
+        return None
+    return np.abs(samples.reduced(left_out.astype(float))) <= _UNKNOWN
 
 
 def observed(layout: Layout, block: RowBlock) -> Observation:

@@ -475,16 +475,13 @@ def _windows(
     for k, segment in enumerate(segments):
         cut = round((1 - holdout) * len(segment))
         first += [(k, b) for b in range(0, cut - run_in - length, length)]
-        last += (
-            [
+        if holdout:
+            last += [
                 (k, b)
                 for b in range(
                     max(cut - run_in, 0), len(segment) - run_in - length, length
                 )
             ]
-            if holdout
-            else []
-        )
     if any(abs(s.rate / rate - 1) > 1e-3 for s in segments):
         raise InputError(
             "the logs have different rates: give one under preparation: rate"

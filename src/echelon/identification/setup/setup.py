@@ -396,12 +396,11 @@ class _LogSection:
         self.known = {**resting, **known_values(mechanism), PI: math.pi}
         self.sensors: dict[str, MotionSensor] = {}
         # a floating base is named where contacts hold the robot: patterns are for joints
-        bases = [b for b in mechanism.bodies if b.joint.kind in ("floating", "free")]
         self.bases = {
             name
-            for body in bases
+            for joint in mechanism.floating_joints
             if mechanism.contacts
-            for motion in body.joint.motions
+            for motion in joint.motions
             for name in (*motion.positions, *motion.velocities)
         }
         # coordinates whose velocities are their derivatives, which those of balls are not

@@ -34,7 +34,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from echelon.shared import Floats, InputError, Integers, extra
+from echelon.shared import Floats, InputError, extra
 
 Complexes = npt.NDArray[np.complex128]
 
@@ -165,12 +165,8 @@ class FirFilter:
             own if self.before is None else self.before.reach + own * self.before.factor
         )
 
-    def kept(self, count: int) -> Integers:
-        """Indices of the samples, of ``count``, that remain: the multiples of ``factor``."""
-        return np.arange(0, count, self.factor, dtype=np.intp)
-
     def apply(self, values: Floats) -> Floats:
-        """The filtered values at the samples that remain, shape (N, …) to (kept, …).
+        """The filtered values at the samples that remain, each ``factor``-th: shape (N, …) to (kept, …).
 
         Near its ends, where a part of the filter lies outside the signal, the part inside is scaled to sum 1: a mean of
         what is there.  Both sides of an equation are still filtered alike, so no row is spoilt.

@@ -304,9 +304,11 @@ def classified(
             kinds[kind] = min((missed[kinds[of], k], k) for k in children)[1]
         left = [k for k in left if k not in children]
     alike = [k for k in left if _alike(values[kinds["position"]], values[k])]
-    kinds |= {"reference": alike[0]} if alike and "reference" not in kinds else {}
+    if alike and "reference" not in kinds:
+        kinds["reference"] = alike[0]
     left = [k for k in left if k not in alike]
-    kinds |= {"output": left[0]} if len(left) == 1 and "output" not in kinds else {}
+    if len(left) == 1 and "output" not in kinds:
+        kinds["output"] = left[0]
     return {kind: found[k] for kind, k in kinds.items() if k >= len(fixed)}
 
 

@@ -490,9 +490,8 @@ class _Columns:
         for column, name in keys.items():
             channel = self._channel(column, own[column].unit, kind, name)
             if name not in (*valid, *motors) or channel is None:
-                strange += (
-                    [f"'{column}' is in {own[column].unit}"] if name in valid else []
-                )
+                if name in valid:
+                    strange.append(f"'{column}' is in {own[column].unit}")
                 continue
             if name in found:
                 both = f"'{found[name].column}' and '{column}'"
@@ -531,7 +530,8 @@ class _Columns:
             if unit
             else [""]
         )
-        texts += [""] if len(unit) == 1 and stated_unit(column) != unit else []
+        if len(unit) == 1 and stated_unit(column) != unit:
+            texts.append("")
         return next(
             (Channel(column, text) for text in texts if fits(text, expected)), None
         )

@@ -18,7 +18,6 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from echelon.formats import floating_velocities
 from echelon.identification.logs.columns.column_map import (
     ORDERS,
     Channel,
@@ -43,6 +42,7 @@ from echelon.identification.signals.filters import INVERSE, turned
 from echelon.robot import (
     Force,
     Mechanism,
+    MotionKind,
     Output,
     Side,
     symbol_values,
@@ -307,14 +307,19 @@ def in_own_axes(
     found = signals["qd"].copy()
     if twist == "mixed":
         return found
-    for body in mechanism.bodies:
-        if body.joint.kind not in ("floating", "free"):
-            continue
-        *slides, ball = body.joint.motions
+    for joint in mechanism.floating_joints:
+        *slides, ball = joint.motions
+        if ball.kind is not MotionKind.BALL:
+            continue  # held upright, so that its axes are the world's
         q = signals["q"][:, [mechanism.positions.index(n) for n in ball.positions]]
         q = q / np.linalg.norm(q, axis=1, keepdims=True)
         own = twist == "world"
         moved = ball.velocities if own else [s.velocities[0] for s in slides]
+        if not moved:
+            continue
+        if len(moved) < 3:
+            problem = "velocities along the base's own axes are turned together: lock none of its translations, or all"
+            raise InputError(problem, element=f"velocity of '{joint.name}'")
         places = [mechanism.velocities.index(name) for name in moved]
         found[:, places] = turned(q * INVERSE if own else q, found[:, places])
     return found
@@ -523,7 +528,7 @@ def _solved(
 
 def unpushed(mechanism: Mechanism) -> list[str]:
     """Outputs of the floating base of a robot in contact, which no drive pushes."""
-    free = floating_velocities(mechanism) if mechanism.contacts else ()
+    free = mechanism.floating_velocities if mechanism.contacts else ()
     return [
         output.name
         for output in mechanism.outputs

@@ -187,7 +187,8 @@ class _Magnitudes:
                 raise self.refused(
                     channel.label, f"{problem}  If it is right, write unit: {unit}"
                 )
-            torques += [most] if unit == "N·m" else []
+            if unit == "N·m":
+                torques.append(most)
         static = _largest_static_torque(self.mechanism)
         if static is None or not torques:
             return []
