@@ -12,6 +12,7 @@ import echelon as ec
 from echelon.algebra.exact.polynomial import Polynomial
 from echelon.robot.inertia import (
     CONVENTIONS,
+    about_centre,
     convention,
     frame_change,
     from_pseudo_inertia,
@@ -19,6 +20,7 @@ from echelon.robot.inertia import (
     move,
     pseudo_inertia,
     spatial_inertia,
+    without_rounding,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -232,3 +234,33 @@ def test_what_cannot_be_converted() -> None:
         ec.convert_columns(np.zeros((3, 20)), "echelon", "urdf")
     with pytest.raises(ec.InputError, match="expected 10 columns per body"):
         ec.convert_columns(np.zeros((3, 21)), "echelon", "pinocchio")
+
+
+# -- rounding ----------------------------------------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 10_000), place=st.integers(0, 8), scale=st.floats(-9, 9))
+def test_zeros_are_what_no_double_can_mean(seed: int, place: int, scale: float) -> None:
+    """A body of any size with a number that rounding has left in the place of a zero, and with one that means something."""
+    body = bodies(seed, 1)[0] * 10**scale
+    spread = np.sqrt(body[[0, 3, 5]].sum() / 2 * body[9])
+    size = spread if place >= 6 else np.abs(body[:6]).max()
+    body[place] = 1e-16 * size
+    assert without_rounding(body)[place] == 0
+    body[place] = 1e-13 * size
+    assert (without_rounding(body) == body).all()
+
+
+@given(seed=st.integers(0, 10_000))
+def test_axes_of_symmetry_leave_no_products_about_the_centre(seed: int) -> None:
+    """Parallel axes leave differences of equal products there, which are zero but for rounding."""
+    rng = np.random.default_rng(seed)
+    central = np.array([rng.uniform(0.1, 9), *rng.uniform(-1, 1, 3), *[0.0] * 6])
+    central[[4, 7, 9]] = rng.uniform(0.01, 0.1, 3)
+    found = about_centre(ec.convert(central, "urdf", "echelon"))
+    np.testing.assert_array_equal(found[[5, 6, 8]], 0.0)
+    np.testing.assert_allclose(found, central, rtol=1e-12)
+
+
+def test_nothing_stays_nothing() -> None:
+    assert not without_rounding(np.zeros(10)).any()

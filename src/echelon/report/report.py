@@ -33,7 +33,7 @@ from echelon.report.page import (
     with_uncertainty,
 )
 from echelon.report.signals import buckets_for, outputs_of, payload
-from echelon.robot import Mechanism, convert
+from echelon.robot import Mechanism, about_centre
 from echelon.shared import (
     MOST_NAMED,
     PARAMETERS,
@@ -300,9 +300,6 @@ def _json(value: Any) -> str:
 
 # -- parameters: values, how far these can be trusted, conditioning, physical consistency ------------------------------
 
-ROUNDED_MOMENT = 1e-12
-"""Share of the largest moment of inertia that only rounding leaves."""
-
 
 @dataclass(frozen=True)
 class _BarPlot:
@@ -521,10 +518,7 @@ def _about_centre(standard: list[float]) -> list[float] | None:
     """Mass, centre of mass and six moments about it; None without mass."""
     if not standard[-1] > 0:
         return None
-    central = convert(standard, "echelon", "urdf")
-    # products of inertia that only rounding has left
-    central[4:][np.abs(central[4:]) < ROUNDED_MOMENT * np.abs(central[4:]).max()] = 0.0
-    found: list[float] = central.tolist()
+    found: list[float] = about_centre(np.array(standard)).tolist()
     return found
 
 

@@ -33,6 +33,7 @@ from echelon.robot.impossible import stated_impossibilities as stated_impossibil
 from echelon.robot.impossible import warn_of_impossible as warn_of_impossible
 from echelon.robot.inertia import SIZE as SIZE
 from echelon.robot.inertia import Array as Array
+from echelon.robot.inertia import about_centre as about_centre
 from echelon.robot.inertia import convert as convert
 from echelon.robot.inertia import divergence as divergence
 from echelon.robot.inertia import factor as factor
@@ -45,6 +46,7 @@ from echelon.robot.inertia import pseudo_inertia as pseudo_inertia
 from echelon.robot.inertia import rotation_of as rotation_of
 from echelon.robot.inertia import rotation_quaternion as rotation_quaternion
 from echelon.robot.inertia import tensor_and_moment as tensor_and_moment
+from echelon.robot.inertia import without_rounding as without_rounding
 from echelon.robot.joint import ALL as ALL
 from echelon.robot.joint import GROUND as GROUND
 from echelon.robot.joint import IDENTITY as IDENTITY

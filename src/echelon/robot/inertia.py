@@ -401,3 +401,31 @@ def convention(name: str) -> Convention:
             f"unknown convention '{name}' (valid: {', '.join(CONVENTIONS)})"
         )
     return CONVENTIONS[name]
+
+
+ROUNDING = 8 * float(np.finfo(float).eps)
+"""Share of the largest number of a sum by which rounding moves it: moments about a centre are sums of three products."""
+
+
+def without_rounding(values: Floats) -> Floats:
+    """Standard parameters of a body, shape (10,), with zeros where only rounding is left.
+
+    Moments of inertia have the size of the largest one.  First moments have that of the mass, times its root mean square
+    distance from the frame's origin.
+    """
+    found = np.array(values, dtype=float)
+    trace, mass = found[[_XX, _YY, _ZZ]].sum(), found[_M]
+    scale = np.full(PER_BODY, np.abs(found[:_MX]).max())
+    # the trace is twice the mass times the square of that distance
+    scale[_MX:_M] = np.sqrt(max(mass * trace / 2, 0.0))
+    scale[_M] = 0.0
+    found[np.abs(found) < ROUNDING * scale] = 0.0
+    return found
+
+
+def about_centre(values: Floats) -> Floats:
+    """Mass, centre of mass and six moments about it, shape (10,), with zeros where only rounding is left."""
+    central = convert(without_rounding(values), "echelon", "urdf")
+    moments = central[4:]
+    moments[np.abs(moments) < ROUNDING * np.abs(values[:_MX]).max()] = 0.0
+    return central

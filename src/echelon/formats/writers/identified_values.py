@@ -27,9 +27,10 @@ from echelon.robot import (
     JointNumber,
     Mechanism,
     Side,
-    convert,
+    about_centre,
     known_values,
     pseudo_inertia,
+    without_rounding,
 )
 from echelon.shared import PARAMETERS, PER_BODY, Floats, InputError, in_quotes
 
@@ -89,9 +90,10 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
             for body in mechanism.sharing[parameter.body]:
                 bodies[body][parameter.kind] = value
     least = NEGLIGIBLE_BODY * max((np.abs(body).max() for body in bodies), default=0.0)
-    for ten in bodies:
-        if np.abs(ten).max() < least:
-            ten[:] = 0.0
+    bodies = [
+        np.zeros(PER_BODY) if np.abs(ten).max() < least else without_rounding(ten)
+        for ten in bodies
+    ]
     for carrier in mechanism.carriers:
         _check_consistency(mechanism.bodies[carrier], bodies[carrier])
     return IdentifiedValues(tuple(bodies), effects)
@@ -107,7 +109,7 @@ def load_of(values: Floats, name: str) -> Load | None:
     if not values.any():
         return None
     if values[_MASS] > 0:
-        mass, *rest = (float(v) for v in convert(values, "echelon", "urdf"))
+        mass, *rest = about_centre(values).tolist()
         return Load(mass, tuple(rest[:3]), tuple(rest[3:]))
     if not has_centre(values):
         problem = f"its mass is {values[_MASS]:g} kg; files state a centre of mass, which needs a positive mass"
