@@ -518,8 +518,8 @@ def _about_centre(standard: list[float]) -> list[float] | None:
     """Mass, centre of mass and six moments about it; None without mass."""
     if not standard[-1] > 0:
         return None
-    found: list[float] = about_centre(np.array(standard)).tolist()
-    return found
+    mass, centre, moments = about_centre(np.array(standard))
+    return [mass, *centre.tolist(), *moments.tolist()]
 
 
 def _effects(run: Identification, fit: PhysicalFit) -> list[Context]:

@@ -403,29 +403,34 @@ def convention(name: str) -> Convention:
     return CONVENTIONS[name]
 
 
-ROUNDING = 8 * float(np.finfo(float).eps)
-"""Share of the largest number of a sum by which rounding moves it: moments about a centre are sums of three products."""
+SOLVER_TOLERANCE = 1e-9
+"""Share of its size that a solver of semidefinite programmes leaves of a zero."""
+_PRODUCTS = {
+    _XY: (0, 1),
+    _XZ: (0, 2),
+    _YZ: (1, 2),
+    _MX: (0, 3),
+    _MY: (1, 3),
+    _MZ: (2, 3),
+}
+"""Places of products of inertia and first moments in the pseudo-inertia."""
 
 
-def without_rounding(values: Floats) -> Floats:
-    """Standard parameters of a body, shape (10,), with zeros where only rounding is left.
+def with_zeros(values: Floats) -> Floats:
+    """Standard parameters of a fitted body, shape (10,), with zeros for what a solver has left of them.
 
-    Moments of inertia have the size of the largest one.  First moments have that of the mass, times its root mean square
-    distance from the frame's origin.
+    An entry of a pseudo-inertia is at most the root of the product of its two diagonal entries, which is its size.
     """
     found = np.array(values, dtype=float)
-    trace, mass = found[[_XX, _YY, _ZZ]].sum(), found[_M]
-    scale = np.full(PER_BODY, np.abs(found[:_MX]).max())
-    # the trace is twice the mass times the square of that distance
-    scale[_MX:_M] = np.sqrt(max(mass * trace / 2, 0.0))
-    scale[_M] = 0.0
-    found[np.abs(found) < ROUNDING * scale] = 0.0
+    size = np.sqrt(np.maximum(np.diag(pseudo_inertia(found)), 0.0))
+    for k, (i, j) in _PRODUCTS.items():
+        if abs(found[k]) < SOLVER_TOLERANCE * size[i] * size[j]:
+            found[k] = 0.0
     return found
 
 
-def about_centre(values: Floats) -> Floats:
-    """Mass, centre of mass and six moments about it, shape (10,), with zeros where only rounding is left."""
-    central = convert(without_rounding(values), "echelon", "urdf")
-    moments = central[4:]
-    moments[np.abs(moments) < ROUNDING * np.abs(values[:_MX]).max()] = 0.0
-    return central
+def about_centre(values: Floats) -> tuple[float, Floats, Floats]:
+    """Mass, centre of mass (3,) and moments about it (6,) of a fitted body, with zeros where a solver left next to none."""
+    mass, x, y, z, *moments = convert(with_zeros(values), "echelon", "urdf")
+    central = with_zeros(np.array([*moments, 0.0, 0.0, 0.0, mass]))
+    return float(mass), np.array([x, y, z]), central[:_MX]

@@ -22,6 +22,7 @@ from echelon.formats.writers.xml_editor import comment
 from echelon.robot import (
     ALL,
     CONSTANTS,
+    SOLVER_TOLERANCE,
     Action,
     Body,
     JointNumber,
@@ -30,16 +31,13 @@ from echelon.robot import (
     about_centre,
     known_values,
     pseudo_inertia,
-    without_rounding,
+    with_zeros,
 )
 from echelon.shared import PARAMETERS, PER_BODY, Floats, InputError, in_quotes
 
 ROTOR = "rotor"  # kind of the joint of a body that is the rotor of a drive
 
 _MASS = PARAMETERS.index("M")
-SOLVER_TOLERANCE = 1e-9
-"""Negative eigenvalue, relative to the largest, that a solver leaves of a zero on the edge of the cone."""
-
 
 NEGLIGIBLE_BODY = 1e-12
 """Parameters of a body, relative to the largest of all bodies, that are zero but for rounding."""
@@ -90,13 +88,12 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
             for body in mechanism.sharing[parameter.body]:
                 bodies[body][parameter.kind] = value
     least = NEGLIGIBLE_BODY * max((np.abs(body).max() for body in bodies), default=0.0)
-    bodies = [
-        np.zeros(PER_BODY) if np.abs(ten).max() < least else without_rounding(ten)
-        for ten in bodies
-    ]
+    for ten in bodies:
+        if np.abs(ten).max() < least:
+            ten[:] = 0.0
     for carrier in mechanism.carriers:
         _check_consistency(mechanism.bodies[carrier], bodies[carrier])
-    return IdentifiedValues(tuple(bodies), effects)
+    return IdentifiedValues(tuple(map(with_zeros, bodies)), effects)
 
 
 def has_centre(values: Floats) -> bool:
@@ -109,8 +106,8 @@ def load_of(values: Floats, name: str) -> Load | None:
     if not values.any():
         return None
     if values[_MASS] > 0:
-        mass, *rest = about_centre(values).tolist()
-        return Load(mass, tuple(rest[:3]), tuple(rest[3:]))
+        mass, centre, moments = about_centre(values)
+        return Load(mass, tuple(centre.tolist()), tuple(moments.tolist()))
     if not has_centre(values):
         problem = f"its mass is {values[_MASS]:g} kg; files state a centre of mass, which needs a positive mass"
         raise InputError(problem, element=f"body '{name}'")
