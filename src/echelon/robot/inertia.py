@@ -430,7 +430,7 @@ def with_zeros(values: Floats) -> Floats:
 
 
 def about_centre(values: Floats) -> tuple[float, Floats, Floats]:
-    """Mass, centre of mass (3,) and moments about it (6,) of a fitted body, with zeros where a solver left next to none."""
+    """Mass, centre of mass (3,) and moments about it (6,) of a fitted body, with zeros as in ``with_zeros``."""
     mass, x, y, z, *moments = convert(with_zeros(values), "echelon", "urdf")
     central = with_zeros(np.array([*moments, 0.0, 0.0, 0.0, mass]))
     return float(mass), np.array([x, y, z]), central[:_MX]
