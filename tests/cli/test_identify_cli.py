@@ -10,9 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 
 import echelon as ec
+from echelon.cli.terminal import print_identification
 from support.command_line import run
 from support.paths import EXAMPLES
 from support.pendulum_logs import write_log
+from support.report_data import identification
 
 LOG = "log: {time: t, position: 'q{i}', output: 'tau{i}'}\npreparation: {still: 0}\n"
 
@@ -98,3 +100,19 @@ def test_check_says_what_logs_show_and_lack(setup: Path) -> None:
     assert record["schema"] == "echelon.check/1"
     assert record["determined"] < record["base_parameters"] == 6
     assert any("j1" in text for text in record["missing"])
+
+
+def test_a_terminal_lists_friction_of_robots_with_many_bodies(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    result = identification("tx40", samples=300)
+    print_identification(result)
+    lines = capsys.readouterr().out.splitlines()
+    inertial = sum(
+        result.base.mechanism.columns[k].body is not None
+        for k in result.base.matrix.pivots
+    )
+    effects = [e.parameter for e in result.base.mechanism.effects]
+    shown = [line for line in lines if line.split(" ")[0] in effects]
+    assert len(shown) == result.base.rank - inertial > 0
+    assert f"… and {inertial - 24} more of bodies" in "\n".join(lines)
