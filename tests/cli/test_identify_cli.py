@@ -78,6 +78,11 @@ def test_identify_and_predict_agree(setup: Path) -> None:
     known = np.isfinite(found.predicted)
     np.testing.assert_array_equal(known, np.column_stack([inside, inside]))
     assert inside.sum() == found.scores[0].raw.rows
+    raw = result.validations[-1].traces[1].raw
+    assert raw is not None
+    np.testing.assert_allclose(raw.time, found.time[inside], rtol=1e-12)
+    np.testing.assert_array_equal(raw.measured, found.measured[inside, 1])
+    np.testing.assert_allclose(raw.predicted, found.predicted[inside, 1], atol=1e-9)
     rest = (found.measured - found.predicted)[inside]
     assert np.sqrt(np.mean(rest**2, axis=0)) == pytest.approx(
         [s.raw.rms for s in found.scores], rel=1e-3
