@@ -209,7 +209,10 @@ def plain_table(*columns: str, left: Sequence[str], title: str = "") -> Table:
 def _headline(result: Identification) -> str:
     estimate, name = result.estimate, one_line(result.base.mechanism.name)
     logs = counted(len(result.logs), "log")
-    return f"{name}: {result.base.rank} base parameters by {estimate.method} from {sum(estimate.rows)} rows of {logs}"
+    rows = f"{sum(estimate.rows)} rows of {counted(len(estimate.outputs), 'output')} in {logs}"
+    return (
+        f"{name}: {result.base.rank} base parameters by {estimate.method} from {rows}"
+    )
 
 
 def _scores(validation: Validation) -> Table:
