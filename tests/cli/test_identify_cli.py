@@ -10,9 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 
 import echelon as ec
+from echelon.cli.terminal import print_identification
 from support.command_line import run
 from support.paths import EXAMPLES
 from support.pendulum_logs import write_log
+from support.report_data import identification
 
 LOG = "log: {time: t, position: 'q{i}', output: 'tau{i}'}\npreparation: {still: 0}\n"
 
@@ -58,7 +60,7 @@ def test_the_gate_gives_its_reasons(setup: Path) -> None:
 
 
 def test_identify_and_predict_agree(setup: Path) -> None:
-    """Scores of an unseen log are equal in both, and both predict every row at its own rate."""
+    """Scores of an unseen log are equal in both, and both leave out the rows that the ends of the log spoil."""
     fitted, unseen = (setup.with_name(f"run{k}.parquet") for k in range(2))
     result = ec.identify(
         ec.load_setup(setup).with_settings(physical=False), [fitted], [unseen]
@@ -72,10 +74,18 @@ def test_identify_and_predict_agree(setup: Path) -> None:
         assert one.raw == other.raw
     assert found.measured is not None
     np.testing.assert_array_equal(found.time, pq.read_table(unseen)["t"].to_numpy())
-    assert np.isfinite(found.predicted).all()
-    rest = found.measured - found.predicted
+    inside = ~found.near_ends
+    known = np.isfinite(found.predicted)
+    np.testing.assert_array_equal(known, np.column_stack([inside, inside]))
+    assert inside.sum() == found.scores[0].raw.rows
+    raw = result.validations[-1].traces[1].raw
+    assert raw is not None
+    np.testing.assert_allclose(raw.time, found.time[inside], rtol=1e-12)
+    np.testing.assert_array_equal(raw.measured, found.measured[inside, 1])
+    np.testing.assert_allclose(raw.predicted, found.predicted[inside, 1], atol=1e-9)
+    rest = (found.measured - found.predicted)[inside]
     assert np.sqrt(np.mean(rest**2, axis=0)) == pytest.approx(
-        [s.raw.rms for s in found.scores], rel=0.2
+        [s.raw.rms for s in found.scores], rel=1e-3
     )
 
 
@@ -95,3 +105,19 @@ def test_check_says_what_logs_show_and_lack(setup: Path) -> None:
     assert record["schema"] == "echelon.check/1"
     assert record["determined"] < record["base_parameters"] == 6
     assert any("j1" in text for text in record["missing"])
+
+
+def test_a_terminal_lists_friction_of_robots_with_many_bodies(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    result = identification("tx40", samples=300)
+    print_identification(result)
+    lines = capsys.readouterr().out.splitlines()
+    inertial = sum(
+        result.base.mechanism.columns[k].body is not None
+        for k in result.base.matrix.pivots
+    )
+    effects = [e.parameter for e in result.base.mechanism.effects]
+    shown = [line for line in lines if line.split(" ")[0] in effects]
+    assert len(shown) == result.base.rank - inertial > 0
+    assert f"… and {inertial - 24} more of bodies" in "\n".join(lines)

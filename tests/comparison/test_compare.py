@@ -153,6 +153,19 @@ def test_mass_moved_between_links_shows_where_it_matters() -> None:
     assert all(difference.effect > 0 for difference in found.base)
 
 
+def test_friction_takes_one_line_so_that_inertias_show() -> None:
+    rubbing = ARM.replace("<limit", '<dynamics damping="9" friction="9"/><limit')
+    heavier = edited('mass value="0.104"', 'mass value="0.2"', rubbing)
+    found = ec.compare(ARM, heavier, limits={"velocity": 3})
+    effects = [one for one in found.base if not one.body]
+    assert len(effects) == 12
+    assert found.base[0] in effects  # friction of 9 N·m shows more than 0.1 kg
+    lines = [line for line in found.heading() if line.startswith("  visible:")]
+    assert "and 11 more of friction, springs or rotors" in lines[0]
+    assert len(lines) > 2
+    assert not [line for line in lines[1:] if re.search("F[vc]", line)]
+
+
 # -- one robot in two ways ---------------------------------------------------------------------------------------------
 
 

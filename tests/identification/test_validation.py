@@ -76,7 +76,7 @@ def test_ranges_of_outputs_that_rub_and_of_wrenches() -> None:
     )
     assert (
         str(slide)
-        == "j1 at 0.01 to 2 m/s, without 3 of 100 rows near standstill, up to 5 Hz"
+        == "j1 up to 2 m/s, without 3 of 100 rows near standstill (below 0.01 m/s), up to 5 Hz"
     )
     assert str(wrench) == "base.fx, up to 5 Hz"
 

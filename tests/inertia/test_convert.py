@@ -12,6 +12,7 @@ import echelon as ec
 from echelon.algebra.exact.polynomial import Polynomial
 from echelon.robot.inertia import (
     CONVENTIONS,
+    about_centre,
     convention,
     frame_change,
     from_pseudo_inertia,
@@ -19,6 +20,7 @@ from echelon.robot.inertia import (
     move,
     pseudo_inertia,
     spatial_inertia,
+    with_zeros,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -232,3 +234,48 @@ def test_what_cannot_be_converted() -> None:
         ec.convert_columns(np.zeros((3, 20)), "echelon", "urdf")
     with pytest.raises(ec.InputError, match="expected 10 columns per body"):
         ec.convert_columns(np.zeros((3, 21)), "echelon", "pinocchio")
+
+
+# -- zeros -------------------------------------------------------------------------------------------------------------
+
+PRODUCTS = {1: (0, 1), 2: (0, 2), 4: (1, 2), 6: (0, 3), 7: (1, 3), 8: (2, 3)}
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    place=st.sampled_from(list(PRODUCTS)),
+    mass=st.floats(-9, 9),
+    length=st.floats(-4, 4),
+)
+def test_zeros_are_small_against_the_body(
+    seed: int, place: int, mass: float, length: float
+) -> None:
+    """Units of mass and length do not matter: a share of 1e-11 counts as zero, one of 1e-7 does not."""
+    scale = np.diag([10**length] * 3 + [1.0])
+    body = from_pseudo_inertia(
+        10**mass * scale @ pseudo_inertia(bodies(seed, 1)[0]) @ scale
+    )
+    i, j = PRODUCTS[place]
+    diagonal = np.diag(pseudo_inertia(body))
+    body[place] = 1e-11 * np.sqrt(diagonal[i] * diagonal[j])
+    assert with_zeros(body)[place] == 0
+    body[place] *= 1e4
+    assert with_zeros(body)[place] == body[place]
+
+
+@given(seed=st.integers(0, 10_000))
+def test_axes_of_symmetry_leave_no_products_about_the_centre(seed: int) -> None:
+    """Parallel axes leave differences of equal products there, which are zero but for rounding."""
+    rng = np.random.default_rng(seed)
+    stated = np.array([rng.uniform(0.1, 9), *rng.uniform(-1, 1, 3), *[0.0] * 6])
+    stated[[4, 7, 9]] = rng.uniform(0.02, 0.03, 3)
+    mass, centre, moments = about_centre(ec.convert(stated, "urdf", "echelon"))
+    np.testing.assert_array_equal(moments[[1, 2, 4]], 0.0)
+    np.testing.assert_allclose([mass, *centre, *moments], stated, rtol=1e-9)
+
+
+def test_no_moment_and_no_mass_becomes_zero() -> None:
+    """Files of thin or light bodies are refused by simulators if a moment of theirs is zero."""
+    thin = np.array([1e-20, 0, 0, 1.0, 0, 1.0, 0, 0, 0, 1e-20])
+    np.testing.assert_array_equal(with_zeros(thin), thin)
+    assert not with_zeros(np.zeros(10)).any()

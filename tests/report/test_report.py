@@ -185,10 +185,15 @@ def test_numbers_that_are_none() -> None:
     """nan and inf, wherever they can occur, are shown and leave the data readable."""
     run = identification(samples=300)
     first, second = run.validations
-    broken = np.full(300, nan)
+    rows = len(first.traces[0].time)
+    one, two = first.traces
     traces = (
-        replace(first.traces[0], measured=broken),
-        replace(first.traces[1], predicted=np.full(300, inf)),
+        replace(one, measured=np.full(rows, nan), raw=replace(one, raw=None)),
+        replace(
+            two,
+            predicted=np.full(rows, inf),
+            raw=replace(two, predicted=np.full(rows, nan)),
+        ),
     )
     lost = replace(first.scores[0].whole, rms=inf, bias=nan, deviation=0.0, low=nan)
     scores = tuple(
@@ -232,8 +237,10 @@ def test_intervals_have_the_level_of_the_settings(full: Identification) -> None:
 
 
 def test_every_plot_has_stretches_enough_for_a_curve_and_no_more_than_pixels() -> None:
-    assert [stretches_for(count) for count in (0, 1, 10_000)] == [1200, 1200, 100]
-    assert 100 < stretches_for(200) < 1200
+    found = [stretches_for([100_000] * count) for count in (0, 1, 200, 10_000)]
+    assert found[0] == found[1] == 1200 > found[2] > 100 == found[3]
+    mixed = stretches_for([100_000] * 100 + [200] * 100)
+    assert stretches_for([100_000] * 200) < mixed < stretches_for([100_000] * 100)
 
 
 # -- numbers -----------------------------------------------------------------------------------------------------------
@@ -313,16 +320,46 @@ def test_lines_break_at_gaps() -> None:
 def test_plots_hold_the_peaks() -> None:
     full = identification()
     trace = full.validations[1].traces[0]
-    measured = trace.measured.copy()
-    measured[1234] = 1e4
-    spiky = replace(full.validations[1], traces=(replace(trace, measured=measured),))
-    data = payload([spiky])
-    for name in ("measured", "residual"):
-        values = np.frombuffer(
-            b64decode(data["traces"]["0/0"]["signals"][name][1]), dtype="<f4"
-        )
-        assert values.max() > 9.9e3
-    assert data["traces"]["0/0"]["samples"] == len(measured)
+    assert trace.raw is not None
+
+    def spiky(trace: Trace) -> Trace:
+        measured = trace.measured.copy()
+        measured[len(measured) // 2] = 1e4
+        return replace(trace, measured=measured)
+
+    for one, other in (("fitted", trace), ("raw", trace.raw)):
+        both = spiky(replace(trace, raw=spiky(trace.raw)))
+        data = payload([replace(full.validations[1], traces=(both,))])
+        view = data["traces"]["0/0"][one]
+        for name in ("measured", "residual"):
+            values = np.frombuffer(b64decode(view["signals"][name][1]), dtype="<f4")
+            assert values.max() > 9.9e3
+        assert view["samples"] == len(other.time)
+
+
+def test_rows_are_told_by_output_and_samples(page: Page) -> None:
+    """500 rows of each output, of 2500 samples, under a filter to 20 Hz."""
+    assert (
+        "Each output has 500 rows in the fit, made of 2 500 measured samples: these are filtered to 20 Hz, and "
+        "one row stays of about 5 samples." in page.words
+    )
+
+
+def test_extremes_are_mentioned_where_they_are_drawn(page: Page) -> None:
+    words = "Of long signals the smallest and the largest value"
+    assert words in page.words
+    assert words not in Page(report_html(identification(samples=1000))).words
+
+
+def test_remarks_stand_in_the_cell_of_their_output(full: Identification) -> None:
+    first, second = full.validations[1].scores
+    coloured = replace(
+        full.validations[1], scores=(first, replace(second, whiteness=0.001))
+    )
+    html = report_html(replace(full, validations=(full.validations[0], coloured)))
+    cells = re.findall(r'<th scope="row" class="name"><bdi>(j\d)</bdi>(.*?)</th>', html)
+    told = [name for name, rest in cells if "residual is not white" in rest]
+    assert told == ["j2"]
 
 
 # -- residuals ---------------------------------------------------------------------------------------------------------

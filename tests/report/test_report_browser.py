@@ -32,6 +32,9 @@ setTimeout(() => {
   document.getElementById("prior").click();
   state.lines.push(lines());
   state.caption = caption.textContent;
+  const view = document.getElementById("view");
+  view.value = "fitted"; view.dispatchEvent(new Event("change"));
+  state.fitted = lines(); state.rows = caption.textContent;
   state.buttons = [...document.querySelectorAll(".modebar-btn")].map((b) => b.getAttribute("data-title"));
   const mark = document.querySelector(".matrix use");
   mark.dispatchEvent(new PointerEvent("pointerenter"));
@@ -101,12 +104,16 @@ def test_logs_and_the_prior_can_be_chosen(driven: dict) -> None:
         (before, run.validations[1]),
         (after, run.validations[0]),
     ):
-        trace = validation.traces[0]
+        trace = validation.traces[0].raw
+        assert trace is not None
         assert (
             np.abs(trace.measured - lines[0][1]).min()
             < 1e-5 * np.abs(trace.measured).max()
         )
     assert before[0][1] != after[0][1]
+    fitted = run.validations[0].traces[0].measured
+    assert driven["fitted"][0][1] == pytest.approx(fitted[10], rel=1e-6)
+    assert "500 rows, all drawn" in driven["rows"]
 
 
 def test_no_button_talks_to_a_server(driven: dict) -> None:

@@ -181,11 +181,13 @@ def run_predict(
         return
     for score in found.scores:
         show(f"{score.output}: {_fit(score)}")
-    rows = len(found.time)
-    unknown = rows - int(np.isfinite(found.predicted).all(axis=1).sum())
-    text = f"{counted(rows, 'row')} predicted"
-    if unknown:
-        text += f", {unknown} of them unknown (faulty samples or gaps)"
+    known = int(np.isfinite(found.predicted).all(axis=1).sum())
+    ends = int(found.near_ends.sum())
+    text = f"{known} of {counted(len(found.time), 'row')} predicted"
+    if ends:
+        text += f"; {ends} are near the ends of stretches, where filters and derivatives lack neighbours"
+    if faulty := len(found.time) - known - ends:
+        text += f"; {faulty} are faulty or in gaps"
     show(text)
     if output is not None:
         show(f"wrote {output.path}")
@@ -245,6 +247,7 @@ def _summary(found: Prediction, output: Path | None) -> dict[str, Any]:
         "schema": SUMMARY,
         "source": found.source,
         "samples": int(found.time.size),
+        "near_ends": int(found.near_ends.sum()),
         "outputs": outputs,
         "file": None if output is None else str(output),
     }

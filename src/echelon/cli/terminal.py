@@ -38,9 +38,8 @@ _COLOURS = {
     Identifiability.UNIDENTIFIABLE: "red",
 }
 
-_PARAMETERS = (
-    24  # parameters that are listed; the rest is in the report and in model.json
-)
+_PARAMETERS = 24
+"""Parameters of bodies that are listed, and of effects; the rest is in the report and in model.json."""
 
 
 def print_comparison(found: Comparison) -> None:
@@ -209,7 +208,10 @@ def plain_table(*columns: str, left: Sequence[str], title: str = "") -> Table:
 def _headline(result: Identification) -> str:
     estimate, name = result.estimate, one_line(result.base.mechanism.name)
     logs = counted(len(result.logs), "log")
-    return f"{name}: {result.base.rank} base parameters by {estimate.method} from {sum(estimate.rows)} rows of {logs}"
+    rows = f"{sum(estimate.rows)} rows of {counted(len(estimate.outputs), 'output')} in {logs}"
+    return (
+        f"{name}: {result.base.rank} base parameters by {estimate.method} from {rows}"
+    )
 
 
 def _scores(validation: Validation) -> Table:
@@ -253,19 +255,26 @@ def _parameters(base: BaseModel, estimate: Estimate, level: float) -> Table:
         "unit",
         left=("base parameter", interval, "unit"),
     )
-    rows = zip(
+    columns = base.mechanism.columns
+    rows: dict[bool, list[tuple[Text | str, ...]]] = {False: [], True: []}
+    for pivot, expression, value, (low, high), unit in zip(
+        base.matrix.pivots,
         base.readable,
         estimate.values,
         estimate.interval(level),
         estimate.units,
         strict=True,
-    )
-    for expression, value, (low, high), unit in list(rows)[:_PARAMETERS]:
-        table.add_row(
-            Text(str(expression)), f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit
-        )
-    if base.rank > _PARAMETERS:
-        table.add_row(Text(f"… and {base.rank - _PARAMETERS} more"), "", "", "")
+    ):
+        is_effect = columns[pivot].body is None
+        interval = f"{low:.4g} … {high:.4g}"
+        rows[is_effect].append((Text(str(expression)), f"{value:.5g}", interval, unit))
+    # many parameters of bodies would hide all friction
+    for is_effect, some in rows.items():
+        for cells in some[:_PARAMETERS]:
+            table.add_row(*cells)
+        if more := len(some[_PARAMETERS:]):
+            what = "friction, springs or drives" if is_effect else "bodies"
+            table.add_row(Text(f"… and {more} more of {what}"), "", "", "")
     return table
 
 

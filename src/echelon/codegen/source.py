@@ -212,12 +212,14 @@ def _columns(view: FunctionView) -> str:
 
 
 def _base(subject: Subject, first: int) -> list[str]:
-    baked = subject.values is not None
-    lines = ["Base parameters, put in as constants:" if baked else "Base parameters:"]
-    for k, expression in enumerate(subject.base):
-        value = f" = {subject.values[k]!r}" if subject.values is not None else ""
+    put_in = ", put in as constants" if subject.values is not None else ""
+    numbers = f", counted from {first} and, in brackets, as echelon derive does"
+    lines = [f"Base parameters{put_in}{'' if first == 1 else numbers}:"]
+    for k, expression in enumerate(subject.base, 1):
+        value = f" = {subject.values[k - 1]!r}" if subject.values is not None else ""
+        place = f"{k}" if first == 1 else f"{k - 1 + first} ({k})"
         lines.append(
-            f"  {k + first}: {render(expression, _AsciiStyle())}{value} [{unit_text(expression.unit)}]"
+            f"  {place}: {render(expression, _AsciiStyle())}{value} [{unit_text(expression.unit)}]"
         )
     return [*lines, ""]
 

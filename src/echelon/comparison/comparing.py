@@ -210,14 +210,16 @@ def _base_differences(
     base: BaseModel, inertial: InertialDifference, largest: Floats
 ) -> Any:
     """Base parameters that differ by more than rounding, those that show most first."""
-    values = inertial.matrix @ inertial.first
+    values, columns = inertial.matrix @ inertial.first, base.mechanism.columns
     found = []
     for k in np.flatnonzero(inertial.apart).tolist():
         effects = largest[:, k] * abs(inertial.base[k])
         row = int(np.argmax(effects))
+        body = columns[base.matrix.pivots[k]].body
         found.append(
             BaseDifference(
                 base.pivots[k],
+                "" if body is None else base.mechanism.bodies[body].name,
                 str(base.readable[k]),
                 base.units[k],
                 float(values[k]),

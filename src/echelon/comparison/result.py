@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
@@ -42,6 +42,7 @@ class BaseDifference:
     """A base parameter that differs by more than the rounding of the files."""
 
     name: str  # representative
+    body: str  # of the first robot; empty for a parameter of an effect
     expression: str
     unit: str
     first: float
@@ -179,7 +180,10 @@ class Comparison:
             )
         lines += _shown("geometry", self.geometry) or ["geometry: the same"]
         lines.append(f"base parameters: {len(self.base)} of {self.rank} differ")
-        lines += _shown("  visible", map(_described, self.base))
+        # many differences of one kind would hide all of the other
+        lines += _in_one_line([found for found in self.base if not found.body])
+        inertial = (found for found in self.base if found.body)
+        lines += _shown("  visible", map(_described, inertial))
         for bodies in self.cancelled:
             lines.append(f"  invisible: all differences of {' and '.join(bodies)}")
         cancelled = {body for bodies in self.cancelled for body in bodies}
@@ -231,9 +235,19 @@ def _described(found: BaseDifference) -> str:
     return f"{expression}: {values}, up to {found.effect:.3g} in {found.output}"
 
 
+def _in_one_line(effects: Sequence[BaseDifference]) -> list[str]:
+    """The difference of friction, springs or rotors that shows most, and how many more there are; at most a line."""
+    if not effects:
+        return []
+    more = len(effects) - 1
+    others = f"; and {more} more of friction, springs or rotors" if more else ""
+    return [f"  visible: {_described(effects[0])}{others}"]
+
+
 def _stated(found: ParameterDifference) -> str:
     values = f"{found.first:.6g} and {found.second:.6g} {found.unit}"
-    return f"{found.name} ({found.body}): {values}"
+    body = f" ({found.body})" if found.body else ""
+    return f"{found.name}{body}: {values}"
 
 
 def _shown(title: str, entries: Iterable[object]) -> list[str]:

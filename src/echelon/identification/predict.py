@@ -1,7 +1,8 @@
 """Predictions of a log: what an identified model says the outputs were, row by row of the log.
 
 States are known on the clocks of the log's stretches; what is predicted there is interpolated to the log's own time
-stamps.  The scores are those of validation: of the same log they are the same numbers.
+stamps.  Rows near the ends of a stretch, where filters and derivatives lack neighbours, are left out here as they are
+left out of every fit and score.  The scores are those of validation: of the same log they are the same numbers.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from echelon.identification.logs.preparation.prepare import (
     Preparation,
     states,
+    states_reach,
     usable,
     with_bristles,
 )
@@ -25,7 +27,7 @@ from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.scores import Score
 from echelon.identification.validation import validated
-from echelon.shared import Floats, InputError, public
+from echelon.shared import Flags, Floats, InputError, public
 
 
 @dataclass(frozen=True, repr=False)
@@ -39,7 +41,9 @@ class Prediction:
     time : array of shape (N,)
         Time stamps of the log, s.
     predicted : array of shape (N, m)
-        nan where nothing can be predicted: in rows that were left out as faulty, or in a stretch that is too short.
+        nan where nothing can be predicted: near the ends of stretches, and in rows that were left out as faulty.
+    near_ends : array of bool, shape (N,)
+        Rows without prediction because filters and derivatives of positions lack neighbours there.
     measured : array of shape (N, m), optional
         As logged, where the log has outputs.
     scores : tuple of Score
@@ -51,6 +55,7 @@ class Prediction:
     units: tuple[str, ...]
     time: Floats
     predicted: Floats
+    near_ends: Flags
     measured: Floats | None
     scores: tuple[Score, ...] = ()
 
@@ -81,7 +86,7 @@ def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Predi
         If the log cannot be read, or nothing of it can be predicted.
     """
     model, zeta = plan.rows([path]), np.asarray(values, dtype=float)
-    recordings, predicted = [], []
+    recordings, predicted, near_ends = [], [], []
     rate, own = plan.preparation.rate, ""
     mechanism = plan.base.mechanism
     for piece in read_log(
@@ -95,18 +100,21 @@ def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Predi
                 source=str(path),
             )
         recordings.append(piece.recording)
-        predicted.append(_at_rows(plan, model, zeta, piece))
+        outputs, ends = _at_rows(plan, model, zeta, piece)
+        predicted.append(outputs)
+        near_ends.append(ends)
     if not any(np.isfinite(some).any() for some in predicted):
         problem = "nothing of this log can be predicted: its stretches without gaps are too short"
         raise InputError(problem, source=str(path))
     measured = [some.signals["y"] for some in recordings if "y" in some.signals]
-    outputs = mechanism.outputs
+    names = [output.name for output in mechanism.outputs]
     return Prediction(
         str(path),
-        tuple(f"{own}.{output.name}" if own else output.name for output in outputs),
-        tuple(output.unit for output in outputs),
+        tuple(f"{own}.{name}" if own else name for name in names),
+        tuple(output.unit for output in mechanism.outputs),
         np.concatenate([some.time for some in recordings]),
         np.concatenate(predicted),
+        np.concatenate(near_ends),
         np.concatenate(measured) if measured else None,
         validated(model, plan.samples(path), {"model": zeta}, role="validation").scores
         if measured
@@ -116,11 +124,12 @@ def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Predi
 
 def _at_rows(
     plan: LogPlan, model: ModelRows, values: Floats, piece: LogPiece
-) -> Floats:
-    """Predicted outputs at the time stamps of a piece, shape (N, m)."""
+) -> tuple[Floats, Flags]:
+    """Predicted outputs at the time stamps of a piece, shape (N, m), and which rows are near ends of stretches."""
     time, outputs = piece.recording.time, piece.mechanism.outputs
     preparation = plan.preparation.of(piece.experiment)
     found = np.full((len(time), len(outputs)), np.nan)
+    near_ends = np.zeros(len(time), dtype=bool)
     delays = [(preparation.delays or {}).get(output.name, 0.0) for output in outputs]
     for start, rate, guess in _stretches(preparation, model, values, piece):
         clock = start + np.arange(len(guess)) / rate
@@ -130,13 +139,14 @@ def _at_rows(
         # what was predicted shows in an output that is late
         for k, delay in enumerate(delays):
             found[rows, k] = np.interp(time[rows] - delay, clock, guess[:, k])
-    return found
+        near_ends[rows] = np.isnan(found[rows]).any(axis=1)
+    return found, near_ends
 
 
 def _stretches(
     preparation: Preparation, model: ModelRows, values: Floats, piece: LogPiece
 ) -> Iterator[tuple[float, float, Floats]]:
-    """Start (s), rate (Hz) and predicted outputs (N, m) of stretches."""
+    """Start (s), rate (Hz) and predicted outputs (N, m) of stretches, nan where their ends spoil the states."""
     mechanism = piece.mechanism
     for segment in piece.segments:
         part = usable(segment, mechanism)
@@ -153,4 +163,7 @@ def _stretches(
             experiment=piece.experiment,
         )
         samples = with_bristles(samples, mechanism)
-        yield part.start, part.rate, model.predict(samples, values)
+        guess = model.predict(samples, values)
+        spoilt = states_reach(part.rate, preparation)
+        guess[:spoilt] = guess[len(guess) - spoilt :] = np.nan
+        yield part.start, part.rate, guess

@@ -31,26 +31,23 @@ class FittedRange:
 
     output: str
     band: float  # highest frequency, Hz
-    slowest: float  # speed of its joint or actuator, rad/s or m/s; nan for a wrench
-    fastest: float
+    slowest: float  # speed of its joint or actuator below which rows are left out, rad/s or m/s
+    fastest: float  # nan for a wrench
     unit: str  # of the speeds
     rows: int  # of the band
     left_out: int  # how many of them were left out near standstill
 
     @property
     def speeds(self) -> str:
-        """Such as ``j1 at 0.01 to 2 rad/s, without 3 of 900 rows near standstill``."""
-        at = (
-            f" at {self.slowest:.2g} to {self.fastest:.3g} {self.unit}"
-            if np.isfinite(self.fastest)
-            else ""
-        )
+        """Such as ``j1 up to 2 rad/s, without 3 of 900 rows near standstill (below 0.01 rad/s)``."""
+        moves = np.isfinite(self.fastest)
+        up_to = f" up to {self.fastest:.3g} {self.unit}" if moves else ""
         left_out = (
-            f", without {self.left_out} of {self.rows} rows near standstill"
+            f", without {self.left_out} of {self.rows} rows near standstill (below {self.slowest:.2g} {self.unit})"
             if self.left_out
             else ""
         )
-        return f"{self.output}{at}{left_out}"
+        return f"{self.output}{up_to}{left_out}"
 
     def __str__(self) -> str:
         return f"{self.speeds}, up to {self.band:.3g} Hz"

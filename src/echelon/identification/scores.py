@@ -27,7 +27,7 @@ _NAN = float("nan")
 
 @dataclass(frozen=True)
 class Trace:
-    """One output of one log, after the filter of both sides."""
+    """One output of one log, after the filter of both sides; or as it was measured, without it."""
 
     output: str
     unit: str
@@ -37,6 +37,7 @@ class Trace:
     prior: Floats | None = None  # shape (k,); prediction of the model before the fit
     # shape (k,), rad/s or m/s; of the output's first joint or drive, None for wrenches
     speed: Floats | None = None
+    raw: Trace | None = None  # without the filter, where there is one
 
 
 @dataclass(frozen=True)

@@ -56,8 +56,8 @@ class PredictedOutput:
     measured: Floats  # shape (k,), after the filter of both sides
     predicted: Floats  # shape (k, models)
     moving: Flags  # shape (k,)
-    # shapes (N,) and (N, models): without a filter
-    raw: tuple[Floats, Floats] | None = None
+    # shapes (N,), (N,) and (N, models): times, measured and predicted without a filter
+    raw: tuple[Floats, Floats, Floats] | None = None
     fastest: float = _NAN  # largest speed of its joint or drive, rad/s or m/s
     # shape (k,), filtered like both sides; None for a wrench
     speed: Floats | None = None
@@ -91,6 +91,7 @@ def _predicted(
     samples, signals = model.free(samples, signals)
     times, rows, moving = rows_taken(samples, signals)
     inside, measured = slice(samples.first, samples.stop), rows_measured(samples)
+    clock = samples.start + np.arange(len(samples))[inside] / samples.rate
     for i, speed in enumerate(_speeds(model.own(samples).base.mechanism, samples)):
         told = slice(None) if measured is None else measured[:, i]
         true = slice(None) if samples.pinned is None else ~samples.pinned[inside, i]
@@ -100,7 +101,7 @@ def _predicted(
             mine[:, 0],
             mine[:, 1:],
             np.ones(len(mine), dtype=bool) if moving is None else moving[told, i],
-            (signals[inside, i, 0][true], signals[inside, i, 1:][true]),
+            (clock[true], signals[inside, i, 0][true], signals[inside, i, 1:][true]),
             _NAN if speed is None else float(np.abs(speed).max(initial=0.0)),
             None if speed is None else rows_filtered(samples, speed[:, :1])[told, 0],
         )
@@ -193,18 +194,20 @@ class _Tally:
     def __post_init__(self) -> None:
         self.whole, self.moving, self.raw = ([EMPTY] * self.models for _ in range(3))
         self._noise, self._count, self._fastest = 0.0, 0, _NAN
-        self._correlations, self._trace = CorrelationSums(), TraceKeeper(self.limit)
+        self._correlations = CorrelationSums()
+        self._trace, self._raw_trace = TraceKeeper(self.limit), TraceKeeper(self.limit)
 
     def add(self, some: PredictedOutput, where: Hashable) -> None:
         """Take in an output's rows of a stretch, which has a name."""
         y = some.measured
-        raw, raw_predicted = some.raw or (y[:0], some.predicted[:0])
+        clock, raw, raw_predicted = some.raw or (y[:0], y[:0], some.predicted[:0])
         for sums, found in (
             (self.whole, fits(y, some.predicted)),
             (self.moving, fits(y[some.moving], some.predicted[some.moving])),
             (self.raw, fits(raw, raw_predicted)),
         ):
             sums[:] = map(Fit.__add__, sums, found)
+        shown = [0] if self.prior is None else [0, self.prior]
         if np.isfinite(some.fastest):
             self._fastest = float(np.fmax(self._fastest, some.fastest))
         if len(raw) > NOISE_ORDER:
@@ -212,11 +215,11 @@ class _Tally:
             self._count += len(raw)
         if len(y):
             self._correlations.add(some.times, y - some.predicted[:, 0], where)
-            shown = [0] if self.prior is None else [0, self.prior]
             speed = np.full(len(y), _NAN) if some.speed is None else some.speed
             self._trace.add(
                 np.column_stack([some.times, y, some.predicted[:, shown], speed])
             )
+        self._raw_trace.add(np.column_stack([clock, raw, raw_predicted[:, shown]]))
 
     def score(self, model: int, output: str, unit: str) -> Score:
         """Score of a model; how white its residual is, is known of the first one."""
@@ -234,18 +237,21 @@ class _Tally:
 
     def trace(self, output: str, unit: str) -> Trace:
         """Rows that are kept to look at."""
-        kept = self._trace.rows(5 if self.prior is not None else 4)
-        time, measured, predicted = kept[:, :3].T
-        speed = kept[:, -1] if np.isfinite(kept[:, -1]).any() else None
-        return Trace(
-            output,
-            unit,
-            time,
-            measured,
-            predicted,
-            None if self.prior is None else kept[:, 3],
-            speed,
+        columns = 3 if self.prior is None else 4
+        kept, raw = self._trace.rows(columns + 1), self._raw_trace.rows(columns)
+        found = _trace(output, unit, kept[:, :columns])
+        speed = kept[:, columns]
+        is_filtered = self.whole[0].rows != self.raw[0].rows
+        return replace(
+            found,
+            speed=speed if np.isfinite(speed).any() else None,
+            raw=_trace(output, unit, raw) if is_filtered and len(raw) else None,
         )
+
+
+def _trace(output: str, unit: str, rows: Floats) -> Trace:
+    """Times, measured and predicted values, and those of the prior model if there are any, as columns of rows."""
+    return Trace(output, unit, *rows.T)
 
 
 def _checked(model: ModelRows, values: npt.ArrayLike, name: str) -> Floats:

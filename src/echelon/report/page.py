@@ -15,7 +15,8 @@ from __future__ import annotations
 import json
 import re
 from base64 import b64encode
-from collections.abc import Mapping
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from html import escape
@@ -105,6 +106,11 @@ def share(value: float) -> str:
     gap = abs(1 - value)
     decimals = 3 if gap >= 0.01 or gap == 0 else min(1 - floor(log10(gap)), 8)
     return _signed(f"{value:.{2 if value < 0 else decimals}f}")
+
+
+def thousands(value: int) -> str:
+    """A count with its digits in groups of three."""
+    return f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
 def _special(value: float) -> str | None:
@@ -282,10 +288,18 @@ def html_page(
     )
 
 
-def stretches_for(signals: int, most_bytes: int = PLOT_BYTES) -> int:
-    """Stretches of time into which each of some signals is cut; a time and a value of two samples stay of each."""
-    samples = most_bytes / (2 * PACKED_NUMBER_BYTES * max(signals, 1))
-    return int(np.clip(samples / 2, FEWEST_STRETCHES, MOST_STRETCHES))
+def stretches_for(samples: Sequence[int], most_bytes: int = PLOT_BYTES) -> int:
+    """Stretches of time into which signals with these numbers of samples are cut, as many as fit into a page.
+
+    Two samples stay of each stretch, with a time and a value, and all samples of signals with fewer.
+    """
+    most = most_bytes / (2 * PACKED_NUMBER_BYTES)
+
+    def is_large(stretches: int) -> bool:
+        return sum(min(count, 2 * stretches) for count in samples) > most
+
+    larger = range(FEWEST_STRETCHES + 1, MOST_STRETCHES + 1)
+    return FEWEST_STRETCHES + bisect_left(larger, True, key=is_large)
 
 
 def render(
@@ -343,6 +357,6 @@ def _environment(folder: Path) -> Environment:
         "percent": percent,
         "share": share,
         "px": lambda value: f"{value:.1f}",
-        "count": lambda value: f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
+        "count": thousands,
     }
     return environment

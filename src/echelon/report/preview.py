@@ -223,9 +223,8 @@ def _quantity(coordinate: str, order: int) -> str:
 def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
     """Positions, velocities and accelerations of every coordinate with their limits, JSON-able."""
     trajectory = found.trajectory
-    buckets = stretches_for(
-        len(_PLOTTED) * len(trajectory.coordinates), PLOT_BYTES // 2
-    )
+    plots = len(_PLOTTED) * len(trajectory.coordinates)
+    buckets = stretches_for([MOST_SAMPLES] * plots, PLOT_BYTES // 2)
     periods = trajectory.basis.frequency * trajectory.duration
     wanted = np.ceil(SAMPLES_PER_PERIOD * periods)
     samples = int(np.clip(wanted, buckets, MOST_SAMPLES)) + 1

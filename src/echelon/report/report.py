@@ -28,11 +28,12 @@ from echelon.report.page import (
     ClosedForms,
     Context,
     html_page,
+    thousands,
     to_place,
     with_uncertainty,
 )
 from echelon.report.signals import buckets_for, outputs_of, payload
-from echelon.robot import Mechanism, convert
+from echelon.robot import Mechanism, about_centre
 from echelon.shared import (
     MOST_NAMED,
     PARAMETERS,
@@ -61,6 +62,8 @@ OPEN_PLOTS = 12
 """Plots that are open when the page opens: more of them slow a browser down."""
 SAME_RMS = 0.01
 """Relative difference of root mean squares below which two models count as equal: a page shows two digits."""
+NO_BIAS = 1e-3
+"""Share of an rms below which a bias is shown as zero: it adds a millionth to the mean square."""
 COLOURED = 0.01
 """Probability of a residual, were it white noise, below which it is called coloured: less than one output in a hundred
 is called so by chance."""
@@ -156,9 +159,34 @@ def _header(run: Identification) -> Context:
             ("base parameters", run.base.rank),
             ("standard parameters", len(run.base.parameters)),
             ("outputs", len(mechanism.outputs)),
-            ("rows", sum(run.estimate.rows)),
+            ("rows of the fit", sum(run.estimate.rows)),
         ],
+        "rows": _rows_in_words(run),
     }
+
+
+def _rows_in_words(run: Identification) -> str:
+    """The rows of the fit by output, and the measured samples that they are made of; empty without validations."""
+    if not run.validations:
+        return ""
+    scores, ranges = run.pooled[0].scores, run.ranges
+    rows = _between([found.rows - found.left_out for found in ranges])
+    samples = _between([score.raw.rows for score in scores])
+    text = f"Each output has {rows} rows in the fit, made of {samples} measured samples"
+    reduction = sum(s.raw.rows for s in scores) / max(sum(s.rows for s in scores), 1)
+    bands = sorted({found.band for found in ranges if isfinite(found.band)})
+    if not bands or reduction <= 1:
+        return f"{text} without a filter."
+    filtered = " to ".join(
+        f"{band:.3g}" for band in dict.fromkeys([bands[0], bands[-1]])
+    )
+    return f"{text}: these are filtered to {filtered} Hz, and one row stays of about {reduction:.2g} samples."
+
+
+def _between(counts: Sequence[int]) -> str:
+    """A count, or the least and the largest of several."""
+    ends = dict.fromkeys([min(counts), max(counts)])
+    return " to ".join(map(thousands, ends))
 
 
 def _summary(run: Identification) -> Context:
@@ -193,7 +221,7 @@ def _summary(run: Identification) -> Context:
 
 
 def _scored(score: Score, beside: Sequence[Score], has_prior: bool) -> Context:
-    """One output: its score, those of other models, what a reader should notice, and R² as the length of a bar."""
+    """One output: its score, those of other models, and what a reader should notice."""
     prior = beside[0] if has_prior else None
     remarks = [score.silence] if score.silence else []
     if not remarks and score.r2 < 0:
@@ -210,13 +238,12 @@ def _scored(score: Score, beside: Sequence[Score], has_prior: bool) -> Context:
             if gain < 0
             else "worse"
         )
-    bar = 100 * min(max(score.r2, 0.0), 1.0) if isfinite(score.r2) else 0.0
     return {
         "score": score,
         "beside": beside,
         "against": against,
         "remarks": remarks,
-        "bar": bar,
+        "bias": 0.0 if abs(score.bias) < NO_BIAS * score.rms else score.bias,
     }
 
 
@@ -227,6 +254,10 @@ def _outputs(run: Identification) -> list[dict[str, str]]:
 def _traces(run: Identification) -> Context:
     """Measured against predicted, every output over time."""
     traces = [trace for validation in run.validations for trace in validation.traces]
+    raw = [trace.raw for trace in traces if trace.raw is not None]
+    stretches = buckets_for(run.validations)
+    longest = max((len(trace.time) for trace in [*traces, *raw]), default=0)
+    bands = {found.band for found in run.ranges} if run.validations else set()
     return {
         "logs": [
             {"number": i, "source": v.source, "role": v.role}
@@ -243,8 +274,9 @@ def _traces(run: Identification) -> Context:
         ),
         "outputs": _outputs(run),
         "open": OPEN_PLOTS,
-        "buckets": buckets_for(run.validations),
-        "samples": max((len(trace.time) for trace in traces), default=0),
+        "stretches": stretches if longest > 2 * stretches else None,
+        "raw": bool(raw),
+        "band": f"{min(bands):.3g} Hz" if len(bands) == 1 else "its band",
         "prior": any(trace.prior is not None for trace in traces),
     }
 
@@ -297,9 +329,6 @@ def _json(value: Any) -> str:
 
 
 # -- parameters: values, how far these can be trusted, conditioning, physical consistency ------------------------------
-
-ROUNDED_MOMENT = 1e-12
-"""Share of the largest moment of inertia that only rounding leaves."""
 
 
 @dataclass(frozen=True)
@@ -519,11 +548,8 @@ def _about_centre(standard: list[float]) -> list[float] | None:
     """Mass, centre of mass and six moments about it; None without mass."""
     if not standard[-1] > 0:
         return None
-    central = convert(standard, "echelon", "urdf")
-    # products of inertia that only rounding has left
-    central[4:][np.abs(central[4:]) < ROUNDED_MOMENT * np.abs(central[4:]).max()] = 0.0
-    found: list[float] = central.tolist()
-    return found
+    mass, centre, moments = about_centre(np.array(standard))
+    return [mass, *centre.tolist(), *moments.tolist()]
 
 
 def _effects(run: Identification, fit: PhysicalFit) -> list[Context]:

@@ -62,10 +62,14 @@ def outputs_of(validations: Sequence[Validation]) -> list[tuple[str, str]]:
 
 def buckets_for(validations: Sequence[Validation]) -> int:
     """Stretches into which every plotted signal is cut."""
-    signals = sum(
-        3 + (trace.prior is not None) for v in validations for trace in v.traces
-    )
-    return stretches_for(signals)
+    views = [
+        view
+        for validation in validations
+        for trace in validation.traces
+        for view in (trace, trace.raw)
+        if view is not None
+    ]
+    return stretches_for([len(v.time) for v in views for _ in _curves(v)])
 
 
 def payload(validations: Sequence[Validation]) -> dict[str, Any]:
@@ -85,28 +89,40 @@ def _packed(trace: Trace, buckets: int) -> dict[str, Any]:
     start = float(first[0]) if len(first) else 0.0
     calendar = abs(start) > LONGEST_LOG
     difference = trace.measured - trace.predicted
-    signals = {
-        "measured": trace.measured,
-        "predicted": trace.predicted,
-        "residual": difference,
-    }
-    if trace.prior is not None:
-        signals["prior"] = trace.prior
-    kept = {
-        name: envelope(trace.time, values, buckets) for name, values in signals.items()
-    }
     return {
         "unit": one_line(trace.unit),
         "start": 0.0 if calendar else start,
         "since": start if calendar else None,
+        "fitted": _view(trace, start, buckets),
+        "raw": None if trace.raw is None else _view(trace.raw, start, buckets),
+        "residual": _residual(trace.time, difference),
+        "speeds": _by_speed(trace, difference),
+    }
+
+
+def _curves(trace: Trace) -> dict[str, Floats]:
+    """Signals of a plot by name."""
+    found = {
+        "measured": trace.measured,
+        "predicted": trace.predicted,
+        "residual": trace.measured - trace.predicted,
+    }
+    return found if trace.prior is None else {**found, "prior": trace.prior}
+
+
+def _view(trace: Trace, start: float, buckets: int) -> dict[str, Any]:
+    """Signals after the filter of both sides, or without it; times count from a start."""
+    kept = {
+        name: envelope(trace.time, values, buckets)
+        for name, values in _curves(trace).items()
+    }
+    return {
         "samples": len(trace.time),
         "lost": max(e.lost for e in kept.values()),
         "drawn": max(int(np.isfinite(e.values).sum()) for e in kept.values()),
         "signals": {
             name: [packed(e.time - start), packed(e.values)] for name, e in kept.items()
         },
-        "residual": _residual(trace.time, difference),
-        "speeds": _by_speed(trace, difference),
     }
 
 

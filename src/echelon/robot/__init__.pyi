@@ -32,7 +32,9 @@ from echelon.robot.experiment import renamed as renamed
 from echelon.robot.impossible import stated_impossibilities as stated_impossibilities
 from echelon.robot.impossible import warn_of_impossible as warn_of_impossible
 from echelon.robot.inertia import SIZE as SIZE
+from echelon.robot.inertia import SOLVER_TOLERANCE as SOLVER_TOLERANCE
 from echelon.robot.inertia import Array as Array
+from echelon.robot.inertia import about_centre as about_centre
 from echelon.robot.inertia import convert as convert
 from echelon.robot.inertia import divergence as divergence
 from echelon.robot.inertia import factor as factor
@@ -45,6 +47,7 @@ from echelon.robot.inertia import pseudo_inertia as pseudo_inertia
 from echelon.robot.inertia import rotation_of as rotation_of
 from echelon.robot.inertia import rotation_quaternion as rotation_quaternion
 from echelon.robot.inertia import tensor_and_moment as tensor_and_moment
+from echelon.robot.inertia import with_zeros as with_zeros
 from echelon.robot.joint import ALL as ALL
 from echelon.robot.joint import FLOATING as FLOATING
 from echelon.robot.joint import GROUND as GROUND

@@ -401,3 +401,36 @@ def convention(name: str) -> Convention:
             f"unknown convention '{name}' (valid: {', '.join(CONVENTIONS)})"
         )
     return CONVENTIONS[name]
+
+
+SOLVER_TOLERANCE = 1e-9
+"""Share of its size that a solver of semidefinite programmes leaves of a zero."""
+_PRODUCTS = {
+    _XY: (0, 1),
+    _XZ: (0, 2),
+    _YZ: (1, 2),
+    _MX: (0, 3),
+    _MY: (1, 3),
+    _MZ: (2, 3),
+}
+"""Places of products of inertia and first moments in the pseudo-inertia."""
+
+
+def with_zeros(values: Floats) -> Floats:
+    """Standard parameters of a fitted body, shape (10,), with zeros for what a solver has left of them.
+
+    An entry of a pseudo-inertia is at most the root of the product of its two diagonal entries, which is its size.
+    """
+    found = np.array(values, dtype=float)
+    size = np.sqrt(np.maximum(np.diag(pseudo_inertia(found)), 0.0))
+    for k, (i, j) in _PRODUCTS.items():
+        if abs(found[k]) < SOLVER_TOLERANCE * size[i] * size[j]:
+            found[k] = 0.0
+    return found
+
+
+def about_centre(values: Floats) -> tuple[float, Floats, Floats]:
+    """Mass, centre of mass (3,) and moments about it (6,) of a fitted body, with zeros as in ``with_zeros``."""
+    mass, x, y, z, *moments = convert(with_zeros(values), "echelon", "urdf")
+    central = with_zeros(np.array([*moments, 0.0, 0.0, 0.0, mass]))
+    return float(mass), np.array([x, y, z]), central[:_MX]

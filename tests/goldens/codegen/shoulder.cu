@@ -23,9 +23,9 @@
 // outputs: 1
 // matrix: 2 x 2, columns: shoulder, elbow
 //
-// Base parameters:
-//   0: ZZ1 + l1^2*M2 [kg*m^2]
-//   1: MX1 + l1*M2 [kg*m]
+// Base parameters, counted from 0 and, in brackets, as echelon derive does:
+//   0 (1): ZZ1 + l1^2*M2 [kg*m^2]
+//   1 (2): MX1 + l1*M2 [kg*m]
 //
 // Put in as constants: g = 9.81
 //

@@ -22,23 +22,22 @@ from echelon.formats.writers.xml_editor import comment
 from echelon.robot import (
     ALL,
     CONSTANTS,
+    SOLVER_TOLERANCE,
     Action,
     Body,
     JointNumber,
     Mechanism,
     Side,
-    convert,
+    about_centre,
     known_values,
     pseudo_inertia,
+    with_zeros,
 )
 from echelon.shared import PARAMETERS, PER_BODY, Floats, InputError, in_quotes
 
 ROTOR = "rotor"  # kind of the joint of a body that is the rotor of a drive
 
 _MASS = PARAMETERS.index("M")
-SOLVER_TOLERANCE = 1e-9
-"""Negative eigenvalue, relative to the largest, that a solver leaves of a zero on the edge of the cone."""
-
 
 NEGLIGIBLE_BODY = 1e-12
 """Parameters of a body, relative to the largest of all bodies, that are zero but for rounding."""
@@ -94,7 +93,7 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
             ten[:] = 0.0
     for carrier in mechanism.carriers:
         _check_consistency(mechanism.bodies[carrier], bodies[carrier])
-    return IdentifiedValues(tuple(bodies), effects)
+    return IdentifiedValues(tuple(map(with_zeros, bodies)), effects)
 
 
 def has_centre(values: Floats) -> bool:
@@ -107,8 +106,8 @@ def load_of(values: Floats, name: str) -> Load | None:
     if not values.any():
         return None
     if values[_MASS] > 0:
-        mass, *rest = (float(v) for v in convert(values, "echelon", "urdf"))
-        return Load(mass, tuple(rest[:3]), tuple(rest[3:]))
+        mass, centre, moments = about_centre(values)
+        return Load(mass, tuple(centre.tolist()), tuple(moments.tolist()))
     if not has_centre(values):
         problem = f"its mass is {values[_MASS]:g} kg; files state a centre of mass, which needs a positive mass"
         raise InputError(problem, element=f"body '{name}'")

@@ -2,20 +2,23 @@
 (() => {
   const { data, plain, axis, layout, line, options } = page;
   const palettes = {
-    light: { measured: "#20262d", predicted: "#e8590c", prior: "#1c7ed6", band: "rgba(232,89,12,0.13)" },
-    dark: { measured: "#e6eaee", predicted: "#ff922b", prior: "#4dabf7", band: "rgba(255,146,43,0.18)" },
+    light: { measured: "#20262d", under: "rgba(32,38,45,0.32)", predicted: "#e8590c", prior: "#1c7ed6", band: "rgba(232,89,12,0.13)" },
+    dark: { measured: "#e6eaee", under: "rgba(230,234,238,0.38)", predicted: "#ff922b", prior: "#4dabf7", band: "rgba(255,146,43,0.18)" },
   };
   const colours = () => ({ ...page.colours(), ...palettes[page.shade()] });
   const floats = (text, offset = 0) => page.floats(text).map((x) => x + offset);
   const count = (n) => String(n).replace(/\B(?=(\d{3})+$)/g, "\u202f");
-  const log = document.getElementById("log"), prior = document.getElementById("prior");
+  const [log, view, prior] = ["log", "view", "prior"].map((id) => document.getElementById(id));
+  const isRaw = (trace) => trace.raw && view && view.value === "raw";
+  const shown = (trace) => (isRaw(trace) ? trace.raw : trace.fitted);
 
   // -- plots ---------------------------------------------------------------------------------------------------
   function tracePlot(trace) {
-    const c = colours();
-    const signal = (name) => [floats(trace.signals[name][0], trace.start), floats(trace.signals[name][1])];
-    const lines = [line("measured", ...signal("measured"), c.measured, { line: { color: c.measured, width: 2 } })];
-    if (trace.signals.prior && prior && prior.checked) lines.push(line("prior", ...signal("prior"), c.prior, { line: { color: c.prior, width: 1.3, dash: "dot" } }));
+    const c = colours(), signals = shown(trace).signals;
+    const signal = (name) => [floats(signals[name][0], trace.start), floats(signals[name][1])];
+    // a wide line shows on both sides of the thin one that hides it
+    const lines = [line("measured", ...signal("measured"), c.under, { line: { color: c.under, width: 5 } })];
+    if (signals.prior && prior && prior.checked) lines.push(line("prior", ...signal("prior"), c.prior, { line: { color: c.prior, width: 1.3, dash: "dot" } }));
     lines.push(line("predicted", ...signal("predicted"), c.predicted));
     lines.push(line("residual", ...signal("residual"), c.predicted, { yaxis: "y2", showlegend: false }));
     const time = trace.since === null ? "time / s" : "time since " + trace.since.toFixed(3) + " s / s";
@@ -62,7 +65,7 @@
   function draw(node) {
     const trace = data.traces[log.value + "/" + node.dataset.output];
     const caption = node.parentElement.querySelector(".caption");
-    const needed = { trace: "signals", speed: "speeds" }[node.dataset.plot] || "residual";
+    const needed = { trace: "fitted", speed: "speeds" }[node.dataset.plot] || "residual";
     const missing = !trace || !trace[needed];
     node.classList.toggle("empty", missing);
     if (missing) {
@@ -78,15 +81,14 @@
     if (page.printing) Object.assign(shape, { trace: { width: 700, height: 330 }, speed: { width: 700, height: 200 } }[node.dataset.plot] || { width: 226, height: 200 });
     Plotly.react(node, lines, shape, options(node.dataset.plot === "trace"));
     if (caption) {
-      const thinned = trace.drawn < trace.samples;
-      caption.textContent = count(trace.samples) + " samples, " + (thinned ? "of which at most " + count(trace.drawn) + " are drawn: the extremes of " + count(data.buckets) + " stretches" : "all drawn") +
-        (trace.lost ? "; " + count(trace.lost) + " values are not finite" : "") + ".";
+      const { samples, drawn, lost } = shown(trace);
+      caption.textContent = count(samples) + (isRaw(trace) ? " samples, " : " rows, ") + (drawn < samples ? "of which at most " + count(drawn) + " are drawn: the extremes of " + count(data.buckets) + " stretches" : "all drawn") +
+        (lost ? "; " + count(lost) + " values are not finite" : "") + ".";
     }
   }
   if (log) {
     const again = page.plots(draw, (node) => node.closest("details").open);
-    log.addEventListener("change", again);
-    if (prior) prior.addEventListener("change", again);
+    for (const control of [log, view, prior]) if (control) control.addEventListener("change", again);
   }
 
   // -- the table of parameters ---------------------------------------------------------------------------------
