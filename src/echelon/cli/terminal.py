@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console, JustifyMethod
@@ -104,7 +104,8 @@ def print_identification(result: Identification) -> None:
     if result.hypotheses:
         console.print(_hypotheses(result.hypotheses))
     for validation in result.pooled:
-        console.print(_scores(validation))
+        for table in _scores(console, validation):
+            console.print(table)
     console.print(_parameters(result.base, estimate, result.level))
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
@@ -213,32 +214,57 @@ def _headline(result: Identification) -> str:
     return f"{name}: {result.base.rank} base parameters by {estimate.method} from {sum(estimate.rows)} rows of {logs}"
 
 
-def _scores(validation: Validation) -> Table:
+def _scores(console: Console, validation: Validation) -> Iterator[Table]:
+    """Scores of every output, and of other models: in a table of their own where one would break the outputs' names."""
     beside = {
         "prior": validation.prior_scores,
         "no\nfriction": validation.plain_scores,
     }
-    models = [name for name, scores in beside.items() if scores]
-    columns = ("output", "rms", "unit", "% of\nrange", "R²", "moving", "un-\nfiltered")
-    table = plain_table(
-        *columns,
-        *models,
-        left=("output", "unit"),
-        title=f"{validation.role}: {one_line(validation.source)}",
-    )
-    for k, score in enumerate(validation.scores):
+    others = {
+        name: [_number(score.r2, 5) for score in scores]
+        for name, scores in beside.items()
+        if scores
+    }
+    title = f"{validation.role}: {one_line(validation.source)}"
+    names = [Text(one_line(score.output)) for score in validation.scores]
+    own = _score_columns(validation)
+    together = _score_table(title, {"output": names, **own, **others})
+    if not others or _fits(console, together):
+        yield together
+        return
+    yield _score_table(title, {"output": names, **own})
+    yield _score_table("R² of other models", {"output": names, **others})
+
+
+def _score_columns(validation: Validation) -> dict[str, list[Text]]:
+    """Columns of the scores of the identified model, by their heads."""
+    columns: dict[str, list[Text]] = {}
+    for score in validation.scores:
         known = math.isfinite(score.rms)
-        rms, unit = (f"{score.rms:.4g}", score.unit) if known else ("–", "")
-        cells = [Text(one_line(text)) for text in (score.output, rms, unit)]
-        cells.append(_number(score.percent, 2))
-        r2 = [
-            score.r2,
-            score.moving.r2,
-            score.raw.r2,
-            *(beside[name][k].r2 for name in models),
-        ]
-        table.add_row(*cells, *(_number(value, 5) for value in r2))
+        cells = {
+            "rms": Text(f"{score.rms:.4g}" if known else "–"),
+            "unit": Text(score.unit if known else ""),
+            "% of\nrange": _number(score.percent, 2),
+            "R²": _number(score.r2, 5),
+            "moving": _number(score.moving.r2, 5),
+            "un-\nfiltered": _number(score.raw.r2, 5),
+        }
+        for head, cell in cells.items():
+            columns.setdefault(head, []).append(cell)
+    return columns
+
+
+def _score_table(title: str, columns: dict[str, list[Text]]) -> Table:
+    table = plain_table(*columns, left=("output", "unit"), title=title)
+    for cells in zip(*columns.values(), strict=True):
+        table.add_row(*cells)
     return table
+
+
+def _fits(console: Console, table: Table) -> bool:
+    """Whether no cell of a table must break in this terminal."""
+    unbounded = console.options.update(max_width=1000)
+    return console.measure(table, options=unbounded).maximum <= console.width
 
 
 def _number(value: float, digits: int) -> Text:

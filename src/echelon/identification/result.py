@@ -22,6 +22,9 @@ from echelon.robot import Experiment, Mechanism, mechanism_of
 from echelon.shared import Floats, InputError, extra, one_line, public
 
 if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects
+
     from echelon.base import BaseModel
 
 
@@ -183,7 +186,7 @@ class Identification:
             self.predict_with, self.estimate, self.essential, self.physical
         )
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> pandas.DataFrame:
         """The base parameters as a data frame of pandas.
 
         Returns
@@ -201,7 +204,7 @@ class Identification:
             import pandas as pd
         return pd.DataFrame(_columns(self)).set_index("parameter")
 
-    def plot(self) -> Any:
+    def plot(self) -> plotly.graph_objects.Figure:
         """Measured and predicted outputs of the last validation.
 
         Returns
