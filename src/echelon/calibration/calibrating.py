@@ -120,7 +120,7 @@ class Calibration:
     residuals : mapping of str to (array, array)
         Size of what is left of each measurement in all rows, m or rad, before and after.
     doubts : tuple of str
-        What speaks against the result: measurements that it does not explain.
+        Measurements that the result does not explain.
     """
 
     base: LinearBase
