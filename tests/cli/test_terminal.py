@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from rich.console import Console
 
-from echelon.cli.terminal import _scores
+from echelon.cli.terminal import _differences, _scores
 from echelon.identification.scores import Fit, Score, Validation
 
 UR = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1")]
@@ -32,3 +34,20 @@ def test_names_and_units_do_not_break(names: list[str]) -> None:
     models = [line for line in lines if "prior" in line]
     assert len(models) == 1
     assert ("rms" in models[0]) == (names[0] == "j1")
+
+
+@pytest.mark.parametrize(("width", "tables"), [(80, 2), (120, 1)])
+def test_names_do_not_break_where_robots_are_compared(width: int, tables: int) -> None:
+    head = ("output", "largest", "at most", "tolerance", "gravity", "acceleration", "velocity", "effects")  # fmt: skip
+    row = ("shoulder_lift_joint (N·m)", "12.7", "14.7", "0.012", "4.29", "8.71", "1.04", "0")  # fmt: skip
+    output = SimpleNamespace(total=SimpleNamespace(attained=12.7), tolerance=0.012)
+    found: Any = SimpleNamespace(outputs=[output], table=lambda: [head, row])
+    text = io.StringIO()
+    console = Console(file=text, width=width)
+    for table in _differences(console, found):
+        console.print(table)
+    lines = text.getvalue().splitlines()
+    assert [line.partition("  ")[0] for line in lines] == ["output", row[0]] * tables
+    assert sorted(" ".join(lines).split()) == sorted(
+        " ".join(head + row + (("output", row[0]) * (tables - 1))).split()
+    )

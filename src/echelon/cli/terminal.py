@@ -50,18 +50,32 @@ def print_comparison(found: Comparison) -> None:
     console.print(Text(one_line(title), style="bold green" if found else "bold red"))
     for line in lines:
         console.print(Text(one_line(line)))
-    head, *rows = found.table()
-    table = Table(show_header=True, header_style="bold", box=None, padding=(0, 2, 0, 0))
-    table.add_column(head[0])
-    for name in head[1:]:
-        table.add_column(name, justify="right")
-    for output, row in zip(found.outputs, rows, strict=True):
+    for table in _differences(console, found):
+        console.print(table)
+    for line in found.closing():
+        console.print(Text(one_line(line)))
+
+
+def _differences(console: Console, found: Comparison) -> Iterator[Table]:
+    """Differences of outputs and of their parts: in two tables where one would break the outputs' names."""
+    table = found.table()
+    together = _difference_table(found, table)
+    if _fits(console, together):
+        yield together
+        return
+    parts = table[0].index("tolerance") + 1  # gravity, acceleration and so on
+    yield _difference_table(found, [row[:parts] for row in table])
+    yield _difference_table(found, [(row[0], *row[parts:]) for row in table])
+
+
+def _difference_table(found: Comparison, rows: Sequence[Sequence[str]]) -> Table:
+    head, *rest = rows
+    table = plain_table(*head, left=head[:1])
+    for output, row in zip(found.outputs, rest, strict=True):
         alike = output.total.attained <= output.tolerance
         cells = (Text(one_line(cell)) for cell in row)
         table.add_row(*cells, style="dim" if alike else None)
-    console.print(table)
-    for line in found.closing():
-        console.print(Text(one_line(line)))
+    return table
 
 
 def print_model(model: BaseModel, *, full: bool = False) -> None:
