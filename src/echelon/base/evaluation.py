@@ -120,7 +120,7 @@ class Evaluation(ABC):
         Parameters
         ----------
         name : str
-            See :meth:`function`; ``function(name).arguments`` says what the state must hold.
+            See :meth:`function`; ``function(name).arguments`` lists the needed entries of the state.
         state : mapping of str to array
             ``q``, ``qd``, ``qdd``; reference velocities ``qdr`` and accelerations ``qddr``, with loops the independent
             ones; outputs ``y``; and ``parameters``, the values of base parameters; SI units.
@@ -182,7 +182,7 @@ class Evaluation(ABC):
         out: Floats | None = None,
         threads: int | None = None,
     ) -> Floats:
-        """The entries of X̄ that are not structurally zero; :attr:`sparsity` says where they belong.
+        """The entries of X̄ that are not structurally zero; :attr:`sparsity` has their rows and columns.
 
         Arguments are those of :class:`Evaluation`.
 

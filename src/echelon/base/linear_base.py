@@ -45,7 +45,7 @@ class LinearBase(BaseSet):
     certificate : Certificate
     seed : int
     special : SpecialValues, optional
-        What the stated values of constants change against general ones; None where they change nothing.
+        Change of the answer by the stated values of constants; None if there is none.
     generic : bool
         Whether the answer is for general values of the constants and not for the stated ones.
     """

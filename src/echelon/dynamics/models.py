@@ -359,7 +359,7 @@ class LinearModel:
         Raises
         ------
         InputError
-            If an output is not linear in the parameters; says which, in which parameter, and why.
+            If an output is not linear in the parameters; names the output, the parameter and the reason.
 
         Examples
         --------

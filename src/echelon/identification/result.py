@@ -130,7 +130,7 @@ class Identification:
     validations : tuple of Validation
         Identification data first, then unseen data.
     findings : tuple of Finding
-        What is wrong with the logs or the fit; warnings first.
+        Faults of the logs or the fit; warnings first.
     predict_with : str
         Which values predictions use: ``"estimate"``, ``"essential"`` or ``"physical"``.
     settings : mapping
