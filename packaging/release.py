@@ -49,6 +49,10 @@ def write_addresses(address: str) -> None:
 def _make_links_absolute(file: Path, address: str) -> None:
     """Links between files of the repository work on the package index, too."""
     text = file.read_text(encoding="utf-8")
+    text = text.replace(
+        "git clone URL echelon && cd echelon                # URL: the address of this repository",
+        f"git clone {address} echelon && cd echelon",
+    )
     for kind, mark in (("raw", r"(?<=!)"), ("blob", r"(?<!!)")):
         link = re.compile(mark + r"(\[[^\]]*\])\((?!https?:|#)([^)\s]+)\)")
         text = link.sub(rf"\1({address}/{kind}/HEAD/\2)", text)

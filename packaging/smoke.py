@@ -129,6 +129,10 @@ class Environment:
             "--format",
             "latex",
         )
+        text = self._sound("echelon", "derive", ROBOT)
+        named = re.search(r"\((\S+assumptions\.(?:md|html))\)", text)
+        if not named or not ("://" in named[1] or Path(named[1]).is_file()):
+            raise SystemExit(f"the page that 'derive' names does not open:\n{text}")
         self._sound("echelon", "sensors", ROBOT)
         self._sound("echelon", "generate", "panda.json", "--target", "c", "-o", "code")
         if not any((self.folder / "code").iterdir()):

@@ -274,6 +274,15 @@ def test_the_library_alone() -> None:
     ]
 
 
+def test_workflows_name_files_that_exist() -> None:
+    texts = [file.read_text() for file in (ROOT / ".github").rglob("*.yml")]
+    named = re.findall(
+        r"\b(?:src|packaging|site|benchmarks)/[\w/]+\.\w+", "".join(texts)
+    )
+    assert named
+    assert [file for file in named if not (ROOT / file).is_file()] == []
+
+
 def test_a_release_names_its_repository(tmp_path: Path) -> None:
     """Addresses and the recipe are filled in once, however often that is asked for."""
     for name in (
@@ -297,7 +306,9 @@ def test_a_release_names_its_repository(tmp_path: Path) -> None:
     assert [release("addresses", address).returncode for _ in range(2)] == [0, 0]
     urls = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["urls"]
     assert urls["Source"] == address
-    links = re.findall(r"\]\(([^)\s]+)\)", (tmp_path / "README.md").read_text())
+    readme = (tmp_path / "README.md").read_text()
+    assert f"git clone {address} echelon && cd echelon\n" in readme
+    links = re.findall(r"\]\(([^)\s]+)\)", readme)
     assert links
     assert all(link.startswith(("https://", "#")) for link in links)
     assert urls["Documentation"] == "https://somebody.github.io/echelon/"

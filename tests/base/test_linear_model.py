@@ -377,3 +377,10 @@ def test_powers_that_are_fine_fractions() -> None:
         ec.LinearModel([["1", "x^0.333333333333", "x^2"]], ["x"], ["a", "b", "c"])
     )
     assert base.rank == 3
+
+
+def test_one_sample_in_gives_one_sample_out() -> None:
+    base = ec.base_parameters(ec.load_linear(EXAMPLES / "heat_capacity.yaml"))
+    for function in (base.regressor, base.full_regressor):
+        several = function({"T": np.array([300.0, 310.0])})
+        np.testing.assert_array_equal(function({"T": 310.0}), several[1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -246,24 +247,35 @@ def test_errors_stay_one_line_whatever_the_names() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "derive",
-        "verify",
-        "schema",
-        "identify",
-        "predict",
-        "excite",
-        "check-trajectory",
-        "calibrate",
-    ],
-)
-def test_help_has_an_example(command: str) -> None:
+EXAMPLES = {
+    command: epilog.removeprefix("Example: ")
+    for command, (_, epilog) in app.functions.items()
+}
+"""The example at the end of the help of each command, in the order in which they can be run."""
+
+
+@pytest.mark.parametrize("command", EXAMPLES)
+def test_help_has_an_example_about_files_that_exist(command: str) -> None:
     assert command in run("--help").stdout
-    done = run(command, "--help")
+    done = run(command, "-h")
     assert done.returncode == 0
-    assert f"Example: echelon {command}" in " ".join(done.stdout.split())
+    example = EXAMPLES[command]
+    assert f"Example: {example}" in " ".join(done.stdout.split())
+    program, name, *arguments = shlex.split(example)
+    assert (program, name) == ("echelon", command)
+    given = [word for word in arguments if word.startswith(("examples/", "docs/"))]
+    assert all((ROOT / file).is_file() for file in given)
+
+
+@pytest.mark.slow
+def test_examples_of_the_help_run(tmp_path: Path) -> None:
+    for folder in ("examples", "docs"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    differs = ("audit", "compare")  # exit code 1
+    for command, example in EXAMPLES.items():
+        arguments = shlex.split(example.partition(" > ")[0])[1:]
+        done = run(*arguments, cwd=tmp_path)
+        assert done.returncode == (command in differs), (example, done.stderr)
 
 
 @pytest.mark.parametrize(

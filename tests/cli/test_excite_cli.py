@@ -395,7 +395,7 @@ def test_files_that_are_no_trajectory_are_refused(made: Made, tmp_path: Path) ->
 def test_help_has_an_example(command: str) -> None:
     done = run(command, "--help", COLUMNS="200", TERM="dumb")
     assert done.returncode == 0
-    assert f"Example: echelon {command} ur10.yaml" in done.stdout
+    assert f"Example: echelon {command} examples/" in done.stdout
     assert "\x1b" not in done.stdout
 
 

@@ -297,7 +297,7 @@ def test_trajectories() -> None:
     for order, values in enumerate(motion.states(times)):
         assert values.shape == (201, 3)
         np.testing.assert_array_equal(values, motion(times, order))
-    assert motion(0.5).shape == (1, 3)
+    assert motion(0.5).shape == (3,)
     np.testing.assert_allclose(
         motion.states(times)[1], np.gradient(motion(times), 0.01, axis=0), atol=0.2
     )

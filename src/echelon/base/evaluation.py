@@ -51,11 +51,12 @@ class Evaluation(ABC):
 
     Notes
     -----
-    The arguments are the same everywhere:
+    One state in gives one state out: arrays without the axis N, such as q of shape (positions,), give a result without
+    it, such as a regressor of shape (outputs, base parameters).  The arguments are the same everywhere:
 
-    q : array of shape (N, positions), or (positions,) for one state, whose result has no first axis either
+    q : array of shape (N, positions) or (positions,)
         In the order of ``mechanism.positions``, rad, m or unit quaternions (w, x, y, z).
-    qd, qdd : arrays of shape (N, velocities)
+    qd, qdd : arrays of shape (N, velocities) or (velocities,)
         In the order of ``mechanism.velocities``, rad/s, m/s, rad/s², m/s².  With loops, each of q, qd and qdd may also
         be that of the independent coordinates only, in the order of ``mechanism.independent_velocities``; the others
         then follow from the pose in which the mechanism is assembled.
@@ -63,7 +64,7 @@ class Evaluation(ABC):
         Base parameters, SI units.
     symbols : mapping of str to float, optional
         Values of geometry symbols that replace or complete those of the file.
-    inputs : mapping of str to array of shape (N,), optional
+    inputs : mapping of str to array of shape (N,) or float, optional
         Measured inputs that effects use, such as currents, by coordinate or actuator.
     out : array, optional
         Where to write; C-contiguous float64 of the result's shape.  Worth reusing for large results.
@@ -119,7 +120,7 @@ class Evaluation(ABC):
         Parameters
         ----------
         name : str
-            See :meth:`function`; ``function(name).arguments`` says what the state must hold.
+            See :meth:`function`; ``function(name).arguments`` lists the needed entries of the state.
         state : mapping of str to array
             ``q``, ``qd``, ``qdd``; reference velocities ``qdr`` and accelerations ``qddr``, with loops the independent
             ones; outputs ``y``; and ``parameters``, the values of base parameters; SI units.
@@ -128,8 +129,7 @@ class Evaluation(ABC):
 
         Returns
         -------
-        array of shape (N, *function(name).shape)
-            Without the first axis for one state, whose positions and velocities have one.
+        array of shape (N, *function(name).shape), or function(name).shape for one state
 
         Raises
         ------
@@ -165,7 +165,7 @@ class Evaluation(ABC):
 
         Returns
         -------
-        array of shape (N, outputs, base parameters)
+        array of shape (N, outputs, base parameters), or (outputs, base parameters) for one state
         """
         return self._evaluator("regressor")(
             {"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads
@@ -182,13 +182,13 @@ class Evaluation(ABC):
         out: Floats | None = None,
         threads: int | None = None,
     ) -> Floats:
-        """The entries of X̄ that are not structurally zero; :attr:`sparsity` says where they belong.
+        """The entries of X̄ that are not structurally zero; :attr:`sparsity` has their rows and columns.
 
         Arguments are those of :class:`Evaluation`.
 
         Returns
         -------
-        array of shape (N, entries)
+        array of shape (N, entries), or (entries,) for one state
         """
         return self._evaluator("entries")(
             {"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads
@@ -215,7 +215,7 @@ class Evaluation(ABC):
 
         Returns
         -------
-        array of shape (N, outputs, standard parameters)
+        array of shape (N, outputs, standard parameters), or (outputs, standard parameters) for one state
         """
         return self._evaluator("standard_regressor")(
             {"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads
@@ -292,7 +292,7 @@ class Evaluation(ABC):
 
         Returns
         -------
-        array of shape (N, outputs)
+        array of shape (N, outputs), or (outputs,) for one state
         """
         state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}
         return self._evaluator("inverse_dynamics")(state, symbols, inputs, out, threads)
@@ -305,7 +305,7 @@ class Evaluation(ABC):
         *,
         threads: int | None = None,
     ) -> Floats:
-        """The outputs that hold the bodies' weight at rest, shape (N, outputs); see :class:`Evaluation`."""
+        """Outputs that hold the bodies' weight at rest, shape (N, outputs) or (outputs,); see :class:`Evaluation`."""
         return self._evaluator("gravity")(
             {"q": q, "parameters": values}, symbols, None, None, threads
         )
@@ -319,7 +319,7 @@ class Evaluation(ABC):
         *,
         threads: int | None = None,
     ) -> Floats:
-        """The Coriolis and centrifugal outputs C(q, q̇) q̇, shape (N, outputs); see :class:`Evaluation`."""
+        """The Coriolis and centrifugal outputs C(q, q̇) q̇, shape (N, outputs) or (outputs,); see :class:`Evaluation`."""
         return self._evaluator("coriolis")(
             {"q": q, "qd": qd, "parameters": values}, symbols, None, None, threads
         )
@@ -334,7 +334,7 @@ class Evaluation(ABC):
         *,
         threads: int | None = None,
     ) -> Floats:
-        """The outputs of friction, springs and other effects while accelerations are zero, shape (N, outputs).
+        """The outputs of friction, springs and other effects at zero accelerations, shape (N, outputs) or (outputs,).
 
         Arguments are those of :class:`Evaluation`.
         """
@@ -350,7 +350,7 @@ class Evaluation(ABC):
         *,
         threads: int | None = None,
     ) -> Floats:
-        """The mass matrix ∂y/∂q̈, shape (N, outputs, independent velocities).
+        """The mass matrix ∂y/∂q̈, shape (N, outputs, independent velocities), without N for one state.
 
         The outputs are ``mass_matrix · q̈ + coriolis + gravity + effects``.  Arguments are those of :class:`Evaluation`.
         """
@@ -373,10 +373,10 @@ class Evaluation(ABC):
 
         Returns
         -------
-        by_position : array of shape (N, outputs, positions)
+        by_position : array of shape (N, outputs, positions), or (outputs, positions) for one state
             Those of a unit quaternion's entries are along the unit sphere.  With loops, one for every independent
             velocity coordinate: of turns about a ball's own axes, while all dependent coordinates follow.
-        by_velocity : array of shape (N, outputs, independent velocities)
+        by_velocity : array of shape (N, outputs, independent velocities), or (outputs, independent velocities)
         """
         state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}
         both = self._evaluator("inverse_dynamics_derivatives")(
@@ -401,8 +401,8 @@ class Evaluation(ABC):
 
         Parameters
         ----------
-        q : array of shape (N, positions)
-        touching : array of bool of shape (N, contacts), optional
+        q : array of shape (N, positions), or (positions,) for one state
+        touching : array of bool of shape (N, contacts) or (contacts,), optional
             Which contacts of ``mechanism.contacts`` touch at which state; all of them if omitted.
         noise : array of shape (outputs,), optional
             Standard deviations of the outputs, by which rows are divided; 1 if omitted.
@@ -413,7 +413,7 @@ class Evaluation(ABC):
 
         Returns
         -------
-        array of shape (N, outputs, outputs)
+        array of shape (N, outputs, outputs), or (outputs, outputs) for one state
 
         Raises
         ------
@@ -480,7 +480,7 @@ class Evaluation(ABC):
 
         Returns
         -------
-        array of shape (N, components)
+        array of shape (N, components), or (components,) for one state
 
         Raises
         ------

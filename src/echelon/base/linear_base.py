@@ -45,7 +45,7 @@ class LinearBase(BaseSet):
     certificate : Certificate
     seed : int
     special : SpecialValues, optional
-        What the stated values of constants change against general ones; None where they change nothing.
+        Change of the answer by the stated values of constants; None if there is none.
     generic : bool
         Whether the answer is for general values of the constants and not for the stated ones.
     """
@@ -146,12 +146,12 @@ class LinearBase(BaseSet):
 
         Parameters
         ----------
-        variables : mapping of str to array of shape (N,)
+        variables : mapping of str to array of shape (N,), or to float for one sample
         constants : mapping of str to float, optional
 
         Returns
         -------
-        array of shape (N, outputs, base parameters)
+        array of shape (N, outputs, base parameters), or (outputs, base parameters) for one sample
         """
         return evaluate_model(
             self.model,
@@ -169,12 +169,12 @@ class LinearBase(BaseSet):
 
         Parameters
         ----------
-        variables : mapping of str to array of shape (N,)
+        variables : mapping of str to array of shape (N,), or to float for one sample
         constants : mapping of str to float, optional
 
         Returns
         -------
-        array of shape (N, outputs, parameters)
+        array of shape (N, outputs, parameters), or (outputs, parameters) for one sample
         """
         return evaluate_model(self.model, self.model.regressor, variables, constants)
 

@@ -179,7 +179,7 @@ class BaseModel(BaseSet, Evaluation):
     seed : int
         Seed of all random points.
     special : SpecialValues, optional
-        What the stated values of symbols change against general ones; None where they change nothing.
+        Change of the answer by the stated values of symbols; None if there is none.
     generic : bool
         Whether the answer is for general values of the symbols and not for the stated ones.
 

@@ -163,7 +163,7 @@ def sensor_report(
         Ranks of all subsets up to this size are listed.
     seed : int
     budget : float
-        How much work the subsets may take: 1 is a few seconds.  What is left goes into the search for a smallest
+        How much work the subsets may take: 1 is a few seconds.  The rest goes into the search for a smallest
         sufficient one.
     progress : callable
         Told what is being done.

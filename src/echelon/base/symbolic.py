@@ -32,7 +32,7 @@ class SymbolicRegressor:
     subexpressions : tuple of (sympy Symbol, sympy expression)
         Each uses symbols and names before it; none where entries are short.
     inputs : mapping of str to str
-        What the symbols of states stand for, ``{"q1": "q[shoulder]"}``; all others are constants under their own names,
+        Meaning of the symbols of states, ``{"q1": "q[shoulder]"}``; all others are constants under their own names,
         unless Python reserves these.
     """
 

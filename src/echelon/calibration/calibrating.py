@@ -96,7 +96,7 @@ class Calibration:
     base : LinearBase
         Combinations of errors that the measurements show, with their certificate.
     values, deviations : array of shape (r,)
-        Their values and standard deviations, m, rad or as their unit says.
+        Their values and standard deviations, in m, rad or their own unit.
     intervals : array of shape (r, 2)
         Of 95 %.
     hidden : tuple of str
@@ -106,7 +106,7 @@ class Calibration:
     redundant : tuple of str
         Measurements without which the others show as much of the robot.
     scores : tuple of CalibrationScore
-        What is left in held-out rows.
+        Residuals of held-out rows.
     outliers : tuple of str
         Rows that normal noise does not explain.
     left_out : int
@@ -120,7 +120,7 @@ class Calibration:
     residuals : mapping of str to (array, array)
         Size of what is left of each measurement in all rows, m or rad, before and after.
     doubts : tuple of str
-        What speaks against the result: measurements that it does not explain.
+        Measurements that the result does not explain.
     """
 
     base: LinearBase
@@ -204,7 +204,7 @@ def calibrate(
     Parameters
     ----------
     robot : Mechanism, Setup, path-like, str or model
-        A robot, or a description whose section ``measure`` says what was measured.
+        A robot, or a description with the section ``measure``.
     logs : path-like, table or several of them
         One row for each pose: positions of the joints, and what was measured.
     measure : sequence of mapping, optional

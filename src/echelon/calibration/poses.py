@@ -47,7 +47,7 @@ class CalibrationPoses:
     q : array of shape (N, n)
         Positions, rad or m.
     base : LinearBase
-        What the measurements can show.
+        The combinations of errors that the measurements can show.
     deviations : array of shape (r,)
         Standard deviations that its combinations will have.
     """

@@ -52,9 +52,7 @@ class CalibrationRecord(Record):
     left_out: int
     tools: dict[str, list[list[float]]]
     frames: dict[str, list[list[float]]]
-    doubts: list[str] = required(
-        "What speaks against the result: measurements that it does not explain."
-    )
+    doubts: list[str] = required("Measurements that the result does not explain.")
 
 
 def calibration_schema() -> dict[str, Any]:

@@ -168,6 +168,9 @@ app = CommandGroup(
 )
 
 
+TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
+"""Languages of generated code, for the help, which imports none of them."""
+
 Robot = Annotated[
     Path, Positional(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")
 ]
@@ -349,7 +352,9 @@ _VERBOSE = Parameter(
     Parameter.KEYWORD_ONLY,
     annotation=Annotated[
         bool,
-        Option("--verbose", "-v", help="Say on standard error what is done, and when."),
+        Option(
+            "--verbose", "-v", help="Log every step and its time to standard error."
+        ),
     ],
     default=False,
 )

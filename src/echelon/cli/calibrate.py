@@ -19,7 +19,7 @@ CALIBRATION, REPORT = "calibration.json", "calibration.html"
 
 
 @app.command(
-    epilog="Example: echelon calibrate examples/calibration/arm.yaml examples/calibration/tracker.csv -o result/"
+    epilog="Example: echelon calibrate examples/calibration/arm.yaml examples/calibration/tracker.csv -o calibrated/"
 )
 @reads_robot("snap_tolerance", "ignore", "model")
 def calibrate(

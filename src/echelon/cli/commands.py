@@ -10,12 +10,13 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import click
 
 from echelon.cli.app import (
     AS_READ,
+    TARGETS,
     AsJson,
     Budget,
     Force,
@@ -39,7 +40,7 @@ Format = Literal["text", "json", "latex", "markdown"]
 Formulas = Literal["latex", "sympy"]
 
 
-@app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
+@app.command(epilog="Example: echelon derive examples/panda.yaml --json -o panda.json")
 @reads_robot(*AS_READ, "numeric", "mimic", "symbols", "measured", "model")
 def derive(
     robot: Robot,
@@ -135,7 +136,7 @@ def derive(
         )
 
 
-@app.command(epilog="Example: echelon sensors arm.yaml --size 2")
+@app.command(epilog="Example: echelon sensors examples/double_pendulum.yaml --size 2")
 @reads_robot("floating", "gravity", "ignore", "model")
 def sensors(
     robot: Robot,
@@ -165,7 +166,9 @@ def sensors(
     )
 
 
-@app.command(epilog="Example: echelon setup arm.urdf log.csv -o setup.yaml")
+@app.command(
+    epilog="Example: echelon setup examples/panda.yaml examples/data/panda_30hz/panda_exciting.parquet -o setup.yaml"
+)
 def setup(
     robot: Annotated[
         Path,
@@ -178,9 +181,9 @@ def setup(
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """Write a commented set-up for a robot and a log: columns, units and effects as far as they can be told.
+    """Write a commented set-up for a robot and a log: columns, clock, units and effects.
 
-    The set-up is tried on the log, and what could not be decided stands in it as a question.
+    The command tries the set-up on the log, and writes open questions as comments.
     """
     from echelon.cli.destination import output_file
     from echelon.cli.identify import run_setup
@@ -189,7 +192,7 @@ def setup(
 
 
 @app.command(
-    epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/"
+    epilog="Example: echelon identify examples/logs/panda_30hz.yaml examples/data/panda_30hz/panda_exciting.parquet -o result/"
 )
 @reads_robot(*AS_READ, "model")
 def identify(
@@ -254,7 +257,8 @@ def identify(
             "--target",
             "-t",
             metavar="LANGUAGE",
-            help="Language of the model's source, or none.",
+            complete=[*TARGETS.split(", "), "none"],
+            help="Language of the model's source, as for generate; or none.",
         ),
     ] = "c",
     dask: Annotated[
@@ -308,7 +312,9 @@ def identify(
         raise click.exceptions.Exit(1)
 
 
-@app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
+@app.command(
+    epilog="Example: echelon check examples/logs/panda_30hz.yaml examples/data/panda_30hz/panda_exciting.parquet"
+)
 @reads_robot(*AS_READ, "model")
 def check(
     setup: Annotated[
@@ -323,14 +329,14 @@ def check(
     read: dict[str, Any],
     as_json: AsJson = False,
 ) -> None:
-    """Say what logs can show of a robot and what is missing, before anything is fitted."""
+    """Report what logs can show of a robot and what is missing, before anything is fitted."""
     from echelon.cli.identify import run_check
 
     run_check(setup, logs, read, as_json=as_json)
 
 
 @app.command(
-    epilog="Example: echelon predict result/model.json run3.parquet -o predicted.csv"
+    epilog="Example: echelon predict result/model.json examples/data/panda_30hz/panda_exciting.parquet -o predicted.csv"
 )
 def predict(
     model: Annotated[
@@ -377,7 +383,7 @@ def verify(
     as_json: AsJson = False,
     seed: Seed = None,
 ) -> None:
-    """Check a saved set of base parameters again, without trusting what it says about itself.
+    """Check a saved set of base parameters again, without trusting its own statements.
 
     Exit codes: 0 valid, 1 not valid, 2 not readable, 3 checked in part only.
     """
@@ -386,7 +392,9 @@ def verify(
     raise click.exceptions.Exit(run_verify(file, seed, as_json=as_json))
 
 
-@app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
+@app.command(
+    epilog="Example: echelon audit examples/double_pendulum.yaml docs/examples/pendulum_claims.txt"
+)
 @reads_robot(
     "floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links", "model"
 )
@@ -424,7 +432,7 @@ def audit(
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
+    """Compare claimed base parameters with the exact ones; exit code 1 if they differ."""
     from echelon.base import audit
     from echelon.cli.destination import deliver, output_file
     from echelon.formats import load
@@ -452,7 +460,9 @@ def _definitions(texts: Sequence[str]) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in parts}
 
 
-@app.command(epilog="Example: echelon compare cad.urdf vendor.urdf --velocity 2")
+@app.command(
+    epilog="Example: echelon compare examples/so101.urdf docs/examples/so101_cad.urdf --velocity 3"
+)
 @reads_robot(
     "floating",
     "gravity",
@@ -525,7 +535,10 @@ def _held(texts: Sequence[str]) -> dict[str, float]:
 
 @app.command(epilog="Example: echelon schema description > robot.schema.json")
 def schema(
-    which: Annotated[Schema, Positional(help="Which schema to print.")],
+    which: Annotated[
+        Schema,
+        Positional(metavar="FORMAT", help=f"One of {', '.join(get_args(Schema))}."),
+    ],
 ) -> None:
     """Print the JSON schema of a file format."""
     from echelon.base import BaseModelRecord, LinearBaseRecord

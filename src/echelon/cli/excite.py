@@ -99,8 +99,11 @@ def _range(low: float, high: float) -> Text:
 
 
 def _starts(found: ExcitingTrajectory) -> str:
+    """How each start ended."""
+    words = {"iterations": "ended", "budget": "ended by the budget"}
     done = [
-        f"{start.status} after {start.iterations} iterations" for start in found.starts
+        f"{words.get(start.status, start.status)} after {start.iterations} iterations"
+        for start in found.starts
     ]
     return f"starts: {'; '.join(done)}"
 

@@ -47,7 +47,7 @@ Model = Annotated[
 
 
 @app.command(
-    epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition"
+    epilog="Example: echelon excite examples/double_pendulum.yaml --duration 6 --starts 1 -o motion/"
 )
 @reads_robot(*AS_READ, "experiment")
 def excite(
@@ -177,7 +177,7 @@ def excite(
 
 
 @app.command(
-    epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html"
+    epilog="Example: echelon check-trajectory examples/double_pendulum.yaml motion/trajectory.csv -o preview.html"
 )
 @reads_robot(*AS_READ, "experiment")
 def check_trajectory(

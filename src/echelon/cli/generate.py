@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from echelon.cli.app import (
     AS_READ,
+    TARGETS,
     Force,
     Ordering,
     Prefer,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 SUMMARY = "echelon.generated/1"  # schema of the summary
 
-TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
 FUNCTIONS = (
     "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives, "
     "slotine_li, slotine_li_regressor, coriolis_matrix, momentum, momentum_regressor, momentum_bias, "
@@ -44,7 +44,9 @@ ONLINE = "online"
 LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, closure_pivots, constraint_forces"
 
 
-@app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
+@app.command(
+    epilog="Example: echelon generate examples/panda.yaml --target c -o generated/"
+)
 @reads_robot(*AS_READ, "numeric", "mimic", "model")
 def generate(
     robot: Annotated[
@@ -65,7 +67,14 @@ def generate(
     read: dict[str, Any],
     force: Force = False,
     target: Annotated[
-        str, Option("--target", "-t", metavar="LANGUAGE", help=f"One of {TARGETS}.")
+        str,
+        Option(
+            "--target",
+            "-t",
+            metavar="LANGUAGE",
+            complete=TARGETS.split(", "),
+            help=f"One of {TARGETS}.",
+        ),
     ] = "c",
     function: Annotated[
         str | None,
@@ -73,6 +82,7 @@ def generate(
             "--function",
             show_default="regressor,inverse_dynamics,mass_matrix,gravity",
             metavar="NAMES",
+            complete=FUNCTIONS.split(", "),
             help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}; with contacts {CONTACT_FUNCTIONS}; in C {ONLINE}.",
         ),
     ] = None,

@@ -6,6 +6,7 @@ for, so that no command waits until all others are built.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from inspect import Parameter
 from pathlib import Path
 from types import UnionType
@@ -22,6 +23,7 @@ class Stated:
         *names: str,
         help: str,
         metavar: str | None = None,
+        complete: Sequence[str] = (),
         min: float | None = None,
         max: float | None = None,
         show_default: str | None = None,
@@ -29,6 +31,7 @@ class Stated:
         self.names = names  # as they are written: --output, -o
         self.help = help
         self.metavar = metavar  # stands for the value in the help
+        self.complete = complete  # values that shells propose
         self.min, self.max = min, max  # of a number
         self.show_default = show_default  # shown instead of the default
 
@@ -86,6 +89,8 @@ def click_parameter(parameter: Parameter) -> click.Parameter:
         "callback": _as_list if several else None,
         "metavar": stated.metavar,
     }
+    if stated.complete:
+        common["shell_complete"] = _proposals(stated.complete)
     if not required:
         common["default"] = parameter.default
     if isinstance(stated, Positional):
@@ -123,6 +128,15 @@ def _type(kind: Any, stated: Stated) -> Any:
         return kind
     limited: Any = click.IntRange if kind is int else click.FloatRange
     return limited(stated.min, stated.max)
+
+
+def _proposals(values: Sequence[str]) -> Callable[..., list[str]]:
+    """A function that gives a shell the values that begin with the typed text."""
+
+    def begun(_: click.Context, __: click.Parameter, typed: str) -> list[str]:
+        return [value for value in values if value.startswith(typed)]
+
+    return begun
 
 
 def _as_list(

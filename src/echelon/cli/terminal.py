@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console, JustifyMethod
@@ -49,18 +49,32 @@ def print_comparison(found: Comparison) -> None:
     console.print(Text(one_line(title), style="bold green" if found else "bold red"))
     for line in lines:
         console.print(Text(one_line(line)))
-    head, *rows = found.table()
-    table = Table(show_header=True, header_style="bold", box=None, padding=(0, 2, 0, 0))
-    table.add_column(head[0])
-    for name in head[1:]:
-        table.add_column(name, justify="right")
-    for output, row in zip(found.outputs, rows, strict=True):
+    for table in _differences(console, found):
+        console.print(table)
+    for line in found.closing():
+        console.print(Text(one_line(line)))
+
+
+def _differences(console: Console, found: Comparison) -> Iterator[Table]:
+    """Differences of outputs and of their parts: in two tables where one would break the outputs' names."""
+    table = found.table()
+    together = _difference_table(found, table)
+    if _fits(console, together):
+        yield together
+        return
+    parts = table[0].index("tolerance") + 1  # gravity, acceleration and so on
+    yield _difference_table(found, [row[:parts] for row in table])
+    yield _difference_table(found, [(row[0], *row[parts:]) for row in table])
+
+
+def _difference_table(found: Comparison, rows: Sequence[Sequence[str]]) -> Table:
+    head, *rest = rows
+    table = plain_table(*head, left=head[:1])
+    for output, row in zip(found.outputs, rest, strict=True):
         alike = output.total.attained <= output.tolerance
         cells = (Text(one_line(cell)) for cell in row)
         table.add_row(*cells, style="dim" if alike else None)
-    console.print(table)
-    for line in found.closing():
-        console.print(Text(one_line(line)))
+    return table
 
 
 def print_model(model: BaseModel, *, full: bool = False) -> None:
@@ -103,7 +117,8 @@ def print_identification(result: Identification) -> None:
     if result.hypotheses:
         console.print(_hypotheses(result.hypotheses))
     for validation in result.pooled:
-        console.print(_scores(validation))
+        for table in _scores(console, validation):
+            console.print(table)
     console.print(_parameters(result.base, estimate, result.level))
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
@@ -214,32 +229,57 @@ def _headline(result: Identification) -> str:
     )
 
 
-def _scores(validation: Validation) -> Table:
+def _scores(console: Console, validation: Validation) -> Iterator[Table]:
+    """Scores of every output, and of other models: in a table of their own where one would break the outputs' names."""
     beside = {
         "prior": validation.prior_scores,
         "no\nfriction": validation.plain_scores,
     }
-    models = [name for name, scores in beside.items() if scores]
-    columns = ("output", "rms", "unit", "% of\nrange", "R²", "moving", "un-\nfiltered")
-    table = plain_table(
-        *columns,
-        *models,
-        left=("output", "unit"),
-        title=f"{validation.role}: {one_line(validation.source)}",
-    )
-    for k, score in enumerate(validation.scores):
+    others = {
+        name: [_number(score.r2, 5) for score in scores]
+        for name, scores in beside.items()
+        if scores
+    }
+    title = f"{validation.role}: {one_line(validation.source)}"
+    names = [Text(one_line(score.output)) for score in validation.scores]
+    own = _score_columns(validation)
+    together = _score_table(title, {"output": names, **own, **others})
+    if not others or _fits(console, together):
+        yield together
+        return
+    yield _score_table(title, {"output": names, **own})
+    yield _score_table("R² of other models", {"output": names, **others})
+
+
+def _score_columns(validation: Validation) -> dict[str, list[Text]]:
+    """Columns of the scores of the identified model, by their heads."""
+    columns: dict[str, list[Text]] = {}
+    for score in validation.scores:
         known = math.isfinite(score.rms)
-        rms, unit = (f"{score.rms:.4g}", score.unit) if known else ("–", "")
-        cells = [Text(one_line(text)) for text in (score.output, rms, unit)]
-        cells.append(_number(score.percent, 2))
-        r2 = [
-            score.r2,
-            score.moving.r2,
-            score.raw.r2,
-            *(beside[name][k].r2 for name in models),
-        ]
-        table.add_row(*cells, *(_number(value, 5) for value in r2))
+        cells = {
+            "rms": Text(f"{score.rms:.4g}" if known else "–"),
+            "unit": Text(score.unit if known else ""),
+            "% of\nrange": _number(score.percent, 2),
+            "R²": _number(score.r2, 5),
+            "moving": _number(score.moving.r2, 5),
+            "un-\nfiltered": _number(score.raw.r2, 5),
+        }
+        for head, cell in cells.items():
+            columns.setdefault(head, []).append(cell)
+    return columns
+
+
+def _score_table(title: str, columns: dict[str, list[Text]]) -> Table:
+    table = plain_table(*columns, left=("output", "unit"), title=title)
+    for cells in zip(*columns.values(), strict=True):
+        table.add_row(*cells)
     return table
+
+
+def _fits(console: Console, table: Table) -> bool:
+    """Whether no cell of a table must break in this terminal."""
+    unbounded = console.options.update(max_width=1000)
+    return console.measure(table, options=unbounded).maximum <= console.width
 
 
 def _number(value: float, digits: int) -> Text:

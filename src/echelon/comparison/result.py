@@ -93,7 +93,7 @@ class Comparison:
     rank : int
         Base parameters of the first robot.
     base : tuple of BaseDifference
-        What is visible, in base parameters of the first robot.
+        Visible differences, in base parameters of the first robot.
     parameters : tuple of ParameterDifference
         Standard parameters that differ, visible or not.
     cancelled : tuple of tuple of str

@@ -359,7 +359,7 @@ class LinearModel:
         Raises
         ------
         InputError
-            If an output is not linear in the parameters; says which, in which parameter, and why.
+            If an output is not linear in the parameters; names the output, the parameter and the reason.
 
         Examples
         --------
@@ -548,7 +548,10 @@ def evaluate_model(
     variables: Mapping[str, npt.ArrayLike],
     constants: Mapping[str, float] | None = None,
 ) -> Floats:
-    """Columns of a model's regressor at given samples.  Shapes: variables (N,); returns (N, outputs, columns)."""
+    """Columns of a model's regressor at given samples.
+
+    Shapes: variables (N,), or () for one sample; returns (N, outputs, columns), or (outputs, columns) for one sample.
+    """
     known: dict[str, npt.ArrayLike] = {**model.values, **(constants or {}), **variables}
     schedule = Schedule(forms.program, list(forms.entries.values()))
     names = {node: forms.program.inputs[node].name for node in schedule.leaves}
@@ -557,7 +560,8 @@ def evaluate_model(
         raise InputError(f"no value for '{missing[0]}'")
     try:
         given = [np.asarray(v, dtype=float) for v in variables.values()]
-        samples = np.broadcast_shapes((1,), *(v.shape for v in given))[0]
+        shape = np.broadcast_shapes(*(v.shape for v in given))
+        samples = np.broadcast_shapes((1,), shape)[0]
         leaves = {
             n: np.broadcast_to(np.asarray(known[name], dtype=float), (samples,))
             for n, name in names.items()
@@ -568,4 +572,4 @@ def evaluate_model(
     values = schedule.run(FloatArithmetic(), leaves, samples)
     for (row, column), value in zip(forms.entries, values, strict=True):
         result[:, row, column] = value
-    return result
+    return result if shape else result[0]

@@ -254,7 +254,7 @@ def exciting_trajectory(
     Returns
     -------
     ExcitingTrajectory
-        The same for the same seed, whatever else the machine does.
+        The trajectory; equal seeds give equal trajectories on one machine, however busy it is.
 
     Raises
     ------
@@ -314,7 +314,7 @@ def judged_trajectory(
     Returns
     -------
     ExcitingTrajectory
-        Without starts; whether it is safe, it says itself.
+        Without starts; its attribute ``safe`` tells whether it keeps all limits.
 
     Raises
     ------

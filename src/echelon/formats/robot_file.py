@@ -395,7 +395,7 @@ def load(
     separate_symbols : bool
         Give every number of a URDF or MJCF file a symbol of its own; otherwise equal magnitudes share one.
     measured : "drives" or "file"
-        What is measured: the forces of all drives, or what the sensors of an MJCF file measure (see
+        The outputs: the forces of all drives, or those of the sensors of an MJCF file (see
         ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
     locked : mapping of str to float, optional
         Coordinates, or joints, that do not move, and where they stand, rad or m.

@@ -250,17 +250,19 @@ def _motion(base: BaseModel, change: Floats) -> str:
         if found.get(kind)
     }
     phrases = {
-        "qdd": "{} with larger and more varied accelerations",
-        "qd": "{} at more different speeds, in both directions",
-        "q": "{} over more of the range",
-        "inputs": "the drives of {} at other loads",
+        "qdd": "with larger and more varied accelerations",
+        "qd": "at more different speeds, in both directions",
+        "q": "over more of the range",
     }
-    parts = [
-        phrases[kind].format(_together(some)) for kind, some in chosen.items() if some
-    ]
-    if not parts:
-        parts = [phrases["inputs"].format(_together(list(found["inputs"])))]
-    return "move " + "; ".join(parts)
+    ways: dict[str, list[str]] = {}
+    for kind, some in chosen.items():
+        if some:
+            ways.setdefault(_together(some), []).append(phrases[kind])
+    if not ways:
+        return f"move the drives of {_together(list(found['inputs']))} at other loads"
+    return "move " + "; ".join(
+        f"{who} {', and '.join(how)}" for who, how in ways.items()
+    )
 
 
 def sensitivities(

@@ -276,7 +276,7 @@ def gains_from_logs(
     loaded : sequence of path, optional
         Runs with it.
     payload : Payload, optional
-        What is known of the load.
+        The known parameters of the load.
     known : mapping of str to float, optional
         Base parameters or gains that are known, by name, SI units.
 

@@ -85,9 +85,9 @@ def identify(
     setup : Setup, path, model or sequence of Experiment
         A set-up, what :func:`load_setup` takes, or experiments with robots that state their effects.
     logs : path, dict of arrays, data frame, or several of them
-        What the model is fitted to; a directory stands for all logs in it.  Data frames are those of pandas or polars.
-        Files that hold positions only and outputs only are taken together: ``["positions.csv", "torques.csv"]``.
-        Of experiments, the name of a file says of which it is, or a mapping does: ``{"wall": ["a.csv", "b.csv"]}``.
+        Logs that the model is fitted to; a directory stands for all logs in it.  Data frames are those of pandas or
+        polars.  Positions and outputs may be in separate files: ``["positions.csv", "torques.csv"]``.  The name of a
+        file tells its experiment, or a mapping does: ``{"wall": ["a.csv", "b.csv"]}``.
     validate_on : the same
         Logs that the fit does not see.  Without any, the last ones of several logs are held out, or the end of a single
         one (``setup.settings.holdout``); of experiments the ends of all logs.

@@ -22,6 +22,9 @@ from echelon.robot import Experiment, Mechanism, mechanism_of
 from echelon.shared import Floats, InputError, extra, one_line, public
 
 if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects
+
     from echelon.base import BaseModel
 
 
@@ -124,7 +127,7 @@ class Identification:
     validations : tuple of Validation
         Identification data first, then unseen data.
     findings : tuple of Finding
-        What is wrong with the logs or the fit; warnings first.
+        Faults of the logs or the fit; warnings first.
     predict_with : str
         Which values predictions use: ``"estimate"``, ``"essential"`` or ``"physical"``.
     judgement : Judgement
@@ -187,7 +190,7 @@ class Identification:
             self.predict_with, self.estimate, self.essential, self.physical
         )
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> pandas.DataFrame:
         """The base parameters as a data frame of pandas.
 
         Returns
@@ -205,7 +208,7 @@ class Identification:
             import pandas as pd
         return pd.DataFrame(_columns(self)).set_index("parameter")
 
-    def plot(self) -> Any:
+    def plot(self) -> plotly.graph_objects.Figure:
         """Measured and predicted outputs of the last validation.
 
         Returns

@@ -88,7 +88,7 @@ _PLOTTED = range(len(_SUFFIXES))
 def preview_html(found: ExcitingTrajectory) -> str:
     """A page about an exciting trajectory, as one HTML file.
 
-    The same trajectory gives the same text.  Names that come from files are escaped; nothing is loaded from anywhere.
+    Equal trajectories give equal texts.  Names that come from files are escaped; nothing is loaded from anywhere.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ _SETTINGS = {
 def report_html(identification: Identification) -> str:
     """A report about an identification, as one HTML file.
 
-    The same identification gives the same text.  Names that come from files are escaped; nothing is loaded from
+    Equal identifications give equal texts.  Names that come from files are escaped; nothing is loaded from
     anywhere.
 
     Parameters

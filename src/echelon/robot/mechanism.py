@@ -204,7 +204,7 @@ class Mechanism:
     effects : tuple of Effect
         Friction, springs, rotor inertia and other forces with parameters of their own.
     measured : tuple of Output, or None
-        What is measured; None for the forces of all actuators.
+        The measured outputs; None for the forces of all actuators.
     closures : tuple of Closure
         Joints that close loops.
     independent : tuple of str

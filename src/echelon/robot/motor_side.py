@@ -26,8 +26,8 @@ def joint_side(
     mechanism : Mechanism or path-like
         With actuators θ = T q.
     values : array of shape (N, positions) or (N, velocities), or (N, independent velocities) with loops
-        In the order of the mechanism's names, where the columns of driven coordinates hold the actuators in the order
-        in which these are stated.
+        Without N for one state.  In the order of the mechanism's names, where the columns of driven coordinates hold
+        the actuators in the order in which these are stated.
     symbols : mapping of str to float, optional
         Values of symbols in the transmission ratios that replace or complete those of the mechanism.
 
@@ -44,11 +44,12 @@ def joint_side(
     --------
     >>> import echelon as ec
     >>> robot = ec.load("examples/coupled_arm.yaml")    # m2 = j2 + j3, m3 = j2 - j3, ...
-    >>> ec.joint_side(robot, [[0, 1.5, 0.5, 0, 0, 0, 0]]).tolist()
-    [[0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0]]
+    >>> ec.joint_side(robot, [0, 1.5, 0.5, 0, 0, 0, 0]).tolist()
+    [0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0]
     """
     mechanism = mechanism_of(mechanism)
     driven, matrix = transmission_matrix(mechanism, symbols)
+    one = np.ndim(values) == 1
     result = np.array(values, dtype=float, ndmin=2)
     orders = (
         mechanism.velocities,
@@ -69,13 +70,11 @@ def joint_side(
             next(left) if name in driven else name for name in mechanism.velocities
         ]
         raise InputError(f"expected columns for {', '.join(columns_of)}")
-    if not driven:
-        return result
-    columns = [names.index(name) for name in driven]
-    result[:, columns] = (
-        np.linalg.solve(matrix, result[:, columns].T).T + 0.0
-    )  # no negative zeros
-    return result
+    if driven:
+        columns = [names.index(name) for name in driven]
+        moved = np.linalg.solve(matrix, result[:, columns].T).T
+        result[:, columns] = moved + 0.0  # no negative zeros
+    return result[0] if one else result
 
 
 def transmission_matrix(

@@ -27,7 +27,7 @@ class InputError(EchelonError):
     Parameters
     ----------
     problem : str
-        What is wrong and what would be valid.
+        The fault, and a valid value.
     source : str, optional
         File (or other origin) that holds the offending element.
     element : str, optional

@@ -481,7 +481,7 @@ def verify(
     seed: int | None = None,
     progress: Callable[[str], None] = silent,
 ) -> Certificate:
-    """Check completeness and minimality of a set, without trusting anything it says about itself.
+    """Check completeness and minimality of a set, without trusting its own statements.
 
     The recorded evidence must be what its seed gives.  Then the check is repeated at points modulo primes, or at closed
     states of loops, that whoever made the file cannot know: they come from the operating system's entropy.  (Of linear

@@ -165,7 +165,9 @@ class LinearBaseRecord(Record):
     )
     parameters: list[str] = required("The columns of X and B.")
     base: list[BaseParameterRecord]
-    numbers: NumbersRecord | None = optional(None, "What has no closed form.")
+    numbers: NumbersRecord | None = optional(
+        None, "Coefficients without a closed form."
+    )
     classification: dict[str, list[str]]
     special: SpecialValues | None = optional(
         None, "Present where the stated values change the answer."

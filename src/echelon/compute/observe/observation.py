@@ -221,7 +221,7 @@ class Observation:
         Parameters
         ----------
         layout : Layout
-            Of the same outputs, with all columns that there are already.
+            An observation of the same outputs, with all columns of this one.
 
         Returns
         -------

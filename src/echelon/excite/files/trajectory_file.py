@@ -81,8 +81,12 @@ class FourierCoefficients(Record):
     """One coordinate's coefficients, in its unit."""
 
     constant: float
-    sin: list[float] = required("Of sin(2πkt/duration), k = 1, 2, …, harmonics.")
-    cos: list[float] = required("Of cos(2πkt/duration), k = 1, 2, …, harmonics.")
+    sin: list[float] = required(
+        "Coefficients of sin(2πkt/duration), k = 1, 2, …, harmonics."
+    )
+    cos: list[float] = required(
+        "Coefficients of cos(2πkt/duration), k = 1, 2, …, harmonics."
+    )
 
 
 class FourierRecord(Record):
@@ -134,7 +138,7 @@ class TrajectoryRecord(Record):
     coordinates: Annotated[list[str], Within(min_length=1)] = required(
         "Names, each once."
     )
-    units: list[Literal["rad", "m"]] = required("Of each coordinate.")
+    units: list[Literal["rad", "m"]] = required("Unit of each coordinate.")
     motion: Motion
 
 

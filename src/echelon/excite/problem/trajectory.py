@@ -306,23 +306,23 @@ class Trajectory:
 
         Parameters
         ----------
-        t : array of shape (N,)
+        t : array of shape (N,), or float for one time
             s; of a periodic motion also beyond its duration.
         order : int
             0 for positions (rad, m), 1 for velocities, 2 for accelerations, 3 for jerks.
 
         Returns
         -------
-        array of shape (N, n)
+        array of shape (N, n), or (n,) at one time
         """
-        return self.basis.motion(
-            np.atleast_1d(np.asarray(t, dtype=float)), self.coefficients, order
-        )
+        times = np.asarray(t, dtype=float)
+        found = self.basis.motion(np.atleast_1d(times), self.coefficients, order)
+        return found if times.ndim else found[0]
 
     def bounds(self, order: int) -> Floats:
         """Upper bounds of the absolute derivatives of an order at any time, shape (n,)."""
         return self.basis.bounds(self.coefficients, order)
 
     def states(self, t: npt.ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Positions, velocities and accelerations, each of shape (N, n)."""
+        """Positions, velocities and accelerations, each of shape (N, n), or (n,) at one time."""
         return self(t), self(t, 1), self(t, 2)

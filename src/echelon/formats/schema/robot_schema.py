@@ -79,9 +79,7 @@ class SymbolDetails(Model):
         "Square of the tangent of such an angle, such as 4 in the direction (1, 2, 0).",
         "4",
     )
-    meaning: str = optional(
-        "", "What the symbol stands for.", "length of the upper arm"
-    )
+    meaning: str = optional("", "Meaning of the symbol.", "length of the upper arm")
     fit: tuple[Real, Real] | None = optional(
         None,
         "Range in which identify looks for the value, of a constant that only effects use.",
@@ -361,7 +359,7 @@ class RobotDescription(Model):
     )
     preparation: PreparationEntry = optional(
         PreparationEntry.model_construct(),
-        "How logs are filtered, differentiated and decimated.",
+        "Filters, derivatives and decimation of logs.",
     )
     identification: IdentificationEntry = optional(
         IdentificationEntry.model_construct(),

@@ -303,7 +303,7 @@ class ExcitationEntry(Model):
         {}, "Positions about which motions start, rad or m.", {"j4": -1.5}
     )
     limits: LimitsEntry = optional(
-        LimitsEntry.model_construct(), "What the robot can do."
+        LimitsEntry.model_construct(), "Limits of the robot."
     )
     effort_margin: Annotated[Number, Within(ge=0, lt=1)] = optional(
         0.1, "Share of the effort limits kept free for errors of the prior model.", 0.2
@@ -325,12 +325,15 @@ class ExcitationEntry(Model):
         [{"body": "hand", "radius": 0.1, "above": {"normal": [0, 0, 1]}}],
     )
     collisions: CollisionsEntry = optional(
-        CollisionsEntry.model_construct(), "What must not touch."
+        CollisionsEntry.model_construct(),
+        "Bodies, shapes and obstacles that must not touch.",
     )
     starts: Count = optional(
         4, "Random starts of the optimisation; the best result counts.", 8
     )
-    seed: Annotated[Whole, Within(ge=0)] = optional(2015, "Of the random starts.", 1)
+    seed: Annotated[Whole, Within(ge=0)] = optional(
+        2015, "Seed of the random starts.", 1
+    )
     iterations: Count = optional(500, "Steps of the solver in each start, at most.", 50)
     budget: Positive = optional(
         40.0,

@@ -37,7 +37,7 @@ class ContactEntry(Model):
         {"xyz": [0, 0, "-0.2"]},
     )
     radius: Expression = optional(
-        "0", "Of what rolls: distance of its centre from the ground, m.", "0.05"
+        "0", "Distance of the centre of a rolling body from the ground, m.", "0.05"
     )
     measured: tuple[Component, ...] = optional(
         (), "Components of the force that a plate measures.", ["fz"]

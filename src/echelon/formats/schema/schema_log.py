@@ -203,7 +203,7 @@ class LogEntry(Model):
 
 
 class PreparationEntry(Model):
-    """How logs become samples; what is absent, or auto, is chosen from the data."""
+    """Preparation of logs; Echelon chooses missing settings, and those with the value auto, from the data."""
 
     band: Annotated[Positive | None, Automatic] = optional(
         None,
@@ -323,7 +323,7 @@ class IdentificationEntry(Model):
         "classical",
     )
     level: Annotated[Real, Within(gt=0, lt=1)] = optional(
-        0.95, "Of confidence intervals.", 0.95
+        0.95, "Probability of confidence intervals.", 0.95
     )
 
     @model_check

@@ -72,7 +72,7 @@ class MeasureEntry(Model):
     )
     inverse: Flag = optional(
         False,
-        "Of a pose: that of the outer frame seen from the tool, as a camera in the hand sees a board.",
+        "Whether the pose is that of the outer frame seen from the tool, as of a camera in the hand that sees a board.",
         True,
     )
     point: Corner = optional(
@@ -80,12 +80,12 @@ class MeasureEntry(Model):
     )
     points: dict[str, Corner | None] = optional(
         {},
-        "Of a position: several markers, each with its place in the tool's frame, m, or null where it is not known.",
+        "Several markers of a position, each with its place in the tool's frame, m, or null if it is unknown.",
         {"m1": [0.1, 0, 0], "m2": None},
     )
     length: Positive | None = optional(
         None,
-        "Of a distance or a sphere: the length or radius, m, where it is known and the same for all rows.",
+        "Known length of a distance or radius of a sphere, m, the same for all rows.",
         0.5,
     )
     columns: (

@@ -120,7 +120,9 @@ class WrenchOutput(Sensor):
     frame: Frame = optional(
         Frame.model_construct(), "The sensor's frame.", {"xyz": [0, 0, "0.05"]}
     )
-    fixed_to: Fixed = optional("body", "What the sensor's frame is fixed to.", "parent")
+    fixed_to: Fixed = optional(
+        "body", "Body that the sensor's frame is fixed to.", "parent"
+    )
     components: tuple[Component, ...] = optional(
         COMPONENTS, "Forces and torques along the axes of the frame.", ["tz"]
     )
@@ -173,7 +175,7 @@ class SumOutput(Sensor):
     name: Name = required("Name of the output.", "differential")
     unit: str = optional("N·m", "Its SI unit.", "N·m")
     sum: tuple[WeightedTerm, ...] = required(
-        "What is added up.", [{"joint": "j5"}, {"joint": "j6", "weight": "-1"}]
+        "Terms of the sum.", [{"joint": "j5"}, {"joint": "j6", "weight": "-1"}]
     )
     reads: Name = optional(
         "", "Another output, whose measured values are these as well.", "m1"

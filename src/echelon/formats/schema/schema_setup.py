@@ -97,7 +97,7 @@ else:
 class ReadyEffect(Model):
     """A ready-made effect at one or several coordinates, each with parameters of its own."""
 
-    type: Ready = required("Which effect.", "viscous")
+    type: Ready = required("Type of the effect.", "viscous")
     at: tuple[Name, ...] | Name = required(
         "Coordinates or actuators, or all.", "all", ["j1", "j2"]
     )
@@ -111,7 +111,7 @@ class ReadyEffect(Model):
     )
     width: Expression | None = optional(
         None,
-        "Of smooth Coulomb friction, rad/s or m/s: its force is proportional to tanh(qd/width).",
+        "Width of smooth Coulomb friction, rad/s or m/s: its force is proportional to tanh(qd/width).",
         "0.01",
     )
     velocity: Expression | None = optional(
@@ -119,18 +119,18 @@ class ReadyEffect(Model):
     )
     stiffness: Expression | None = optional(
         None,
-        "Of LuGre bristles, by the force of Coulomb friction, 1/rad or 1/m.",
+        "Stiffness of LuGre bristles by the force of Coulomb friction, 1/rad or 1/m.",
         "2000",
     )
     ratio: Expression | None = optional(
-        None, "Of static to Coulomb friction in LuGre's law; default: 1.", "1.4"
+        None, "Ratio of static to Coulomb friction in LuGre's law; default: 1.", "1.4"
     )
     exponent: Expression | None = optional(
         None, "Exponent of a Stribeck term; default: 2.", "2"
     )
     phase: Expression | None = optional(
         None,
-        "Of a counterbalance: its force is proportional to sin(q + phase).",
+        "Phase of a counterbalance: its force is proportional to sin(q + phase).",
         "0.0872665",
     )
     lower: Expression | None = optional(
@@ -140,7 +140,7 @@ class ReadyEffect(Model):
         None, "Position beyond which a stop is touched.", "2.9"
     )
     harmonic: Expression | None = optional(
-        None, "Of a ripple: how often it repeats in a turn.", "6", "101"
+        None, "Number of repetitions of a ripple in a turn.", "6", "101"
     )
 
     @property
@@ -177,9 +177,7 @@ class ActionEntry(Model):
     """Where a parameter acts, and the function that multiplies it."""
 
     at: Name = required("Coordinate or actuator.", "m5")
-    side: Side | None = optional(
-        None, "Which of the two; by default the actuator.", "joint"
-    )
+    side: Side | None = optional(None, "Side of the drive; default: actuator.", "joint")
     term: Expression = required(
         "q, qd, qdd of the place itself, qd[j5] of another one, i for its measured input; sin cos tan exp "
         "log sinh cosh tanh asin acos atan atan2 sqrt abs sign max min.",
@@ -192,7 +190,7 @@ class BristlesEntry(Model):
 
     stiffness: Expression = required("By the force of Coulomb friction, 1/rad.", "2000")
     velocity: Expression = required("Stribeck velocity, rad/s.", "0.05")
-    ratio: Expression = optional("1", "Of static to Coulomb friction.", "1.4")
+    ratio: Expression = optional("1", "Ratio of static to Coulomb friction.", "1.4")
 
 
 class OwnEffect(Model):

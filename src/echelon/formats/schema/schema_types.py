@@ -332,9 +332,7 @@ class CustomJoint(Model):
     """Any sequence of frames and elementary motions."""
 
     type: Literal["custom"] = required("Type of the joint.", "custom")
-    kind: str = optional(
-        "custom", "What the joint is called in results.", "offset hinge"
-    )
+    kind: str = optional("custom", "Name of the joint in results.", "offset hinge")
     name: str | None = optional(
         None,
         "Name of the joint; default: the body's name. Motions have their own.",
@@ -415,7 +413,8 @@ class SplineFunction(Model):
     """A function of one coordinate that is zero at zero: a polynomial, with cubic terms beyond knots."""
 
     coefficients: tuple[Expression, ...] = required(
-        "Of the coordinate, its square, its cube and so on.", ["1/2", "0", "0.1"]
+        "Coefficients of the coordinate, its square, its cube and so on.",
+        ["1/2", "0", "0.1"],
     )
     knots: tuple[Pair, ...] = optional(
         (),

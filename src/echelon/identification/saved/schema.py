@@ -95,7 +95,7 @@ class FitRecord(Record):
         "Root mean square of measured − predicted, unit of the output."
     )
     percent: float | None = required(
-        "The same in per cent of the range of the measured values."
+        "Root mean square in per cent of the range of the measured values."
     )
     r2: float | None = required("Coefficient of determination.")
     bias: float | None = required("Mean of measured − predicted.")
@@ -139,9 +139,9 @@ class ValidationRecord(Record):
     source: str
     role: Literal["identification", "validation"]
     scores: list[ScoreRecord]
-    prior_scores: list[ScoreRecord] = required("Of the model before the fit.")
+    prior_scores: list[ScoreRecord] = required("Scores of the model before the fit.")
     plain_scores: list[ScoreRecord] = required(
-        "Of a model that was fitted without friction."
+        "Scores of a model that was fitted without friction."
     )
     verdict: str
 
@@ -152,7 +152,7 @@ class LogRecord(Record):
     source: str
     role: Literal["identification", "validation"]
     bytes: int | None = required("Size of the file.")
-    sha256: str | None = required("Of its content.")
+    sha256: str | None = required("SHA-256 digest of its content.")
 
 
 class IdentifiedRecord(Record):

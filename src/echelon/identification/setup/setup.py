@@ -79,13 +79,13 @@ class Setup:
     preparation : PreparationEntry
         How logs become samples; what is None is chosen from the data.
     settings : IdentificationEntry
-        What is fitted, and how: the section ``identification``.
+        Settings of the fit: the section ``identification``.
     prior : Mechanism, optional
         Another description of the robot, with inertial values, for a prior.
     robot_file : RobotFile, optional
         The URDF, SDF or MJCF file that holds the robot, if one does.
     states_effects : bool
-        Whether the file says what effects there are; without, the usual ones are identified.
+        Whether the file states effects; otherwise the usual ones are identified.
     usual : bool
         Whether the usual effects are among them, so that rotors are tried where data ask for them.
     assumed : tuple of str

@@ -337,7 +337,7 @@ def _log_section(
         lines.append(f"  rate: {columns.rate:<32g}# Hz, as found above")
     elif not first_table(log).clocks:
         lines.append(
-            f"  #  rate: {proposed or 1000:<28g} # Hz; in place of the time, which no column is"
+            f"  #  rate: {proposed or 1000:<28g} # Hz; no column holds the time"
         )
     for key, group in columns.channels.items():
         if group:

@@ -229,11 +229,11 @@ class _Examination:
             if len(places):
                 places = np.flatnonzero(self.usable)[places]
                 self.usable[places] = False
-                samples = counted(len(places), "sample lies", "samples lie")
+                samples = counted(len(places), "outlier")
                 self.say(
                     "spikes",
                     channel.label,
-                    f"{samples} far from their neighbours; left out",
+                    f"{samples} far from the neighbouring samples; left out",
                     places[0],
                 )
 

@@ -68,7 +68,7 @@ class Preparation(PreparationEntry):
     experiments: dict[
         str, Annotated[Preparation, WithJsonSchema({"type": "object"})]
     ] = optional(
-        {}, "How logs of each experiment are prepared, where there are several."
+        {}, "Preparation of the logs of each experiment, if there are several."
     )
 
     def of(self, experiment: str) -> Preparation:
