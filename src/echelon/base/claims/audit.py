@@ -24,14 +24,13 @@ from echelon.base.claims.compare import (
     span_exactly,
     span_roughly,
 )
+from echelon.base.claims.notation import Notation, numbering_problem, parts_of_line
 from echelon.base.claims.reading import (
     AUTO,
     Claim,
     LinearReader,
     Naming,
     find_naming,
-    names_in,
-    plain_words,
     precision_of,
     read_claims,
     unknown_token,
@@ -44,7 +43,7 @@ from echelon.base.model import BaseModel
 from echelon.base.reading_report import ROUNDING
 from echelon.dynamics import assembly_of
 from echelon.robot import Mechanism, MotionKind, Readable, all_symbols
-from echelon.shared import Floats, InputError, public
+from echelon.shared import Floats, InputError, public, shortened
 
 PROPAGATED = 10.0
 """Largest effect on a coefficient of a change of an angle, by that change: lengths are metres, and few multiply."""
@@ -68,7 +67,7 @@ def audit(
     model : BaseModel, Mechanism or path-like
         A saved set or its file; of a robot or its file, base parameters are derived first.
     claims : path-like, sequence of str, or mapping of str to str
-        A file (CSV, JSON, or text with one expression per line), or expressions, maybe by name.
+        A file (CSV, JSON, or text as papers print it), or expressions, maybe by name.
     naming : str
         ``"echelon"``, ``"symoro"``, ``"sympybotics"`` or ``"pinocchio"`` (also FIGAROH's); recognised if ``"auto"``.
     define : mapping of str to str, optional
@@ -85,7 +84,7 @@ def audit(
     Raises
     ------
     InputError
-        If the claims cannot be read; names the row and what would be valid.
+        If claims cannot be read, or can be read in two ways; names all such rows and what would be valid.
 
     Examples
     --------
@@ -99,39 +98,43 @@ def audit(
     """
     base = base_of(model)
     source = os.fspath(claims) if isinstance(claims, str | os.PathLike) else None
-    found = read_claims(claims)
-    chosen, words = find_naming([claim.text for claim in found], base, naming)
     put_in = (
         base.special.definitions
         if base.special is not None and not base.generic
         else {}
     )
+    defined = {**put_in, **(define or {})}
+    symbols = sorted({*base.mechanism.symbols, *base.matrix.symbols})
+    written = read_claims(claims)
+    texts = [claim.text for claim in written]
+    chosen, notation, words = find_naming(texts, base, [*symbols, *defined], naming)
     linking = _Linking(
-        base, chosen, words, {**put_in, **(define or {})}, tuple(ignore), source
+        base, chosen, notation, words, symbols, defined, tuple(ignore), source
     )
-    rows = [linking.row(claim) for claim in found]
-    kept = [
-        (claim, row) for claim, row in zip(found, rows, strict=True) if row is not None
-    ]
-    if not kept:
-        raise InputError(
-            "nothing is left to compare: every row is ignored", source=source
-        )
-    left_out = tuple(
-        claim for claim, row in zip(found, rows, strict=True) if row is None
-    )
-    return _compare(
-        base, [claim for claim, _ in kept], [row for _, row in kept], chosen, left_out
-    )
+    read = linking.read(written)
+    if not read.rows:
+        ignored = "nothing is left to compare: every row is ignored"
+        remarks = f"no line holds a standard parameter: {_listed(read.skipped)}"
+        raise InputError(remarks if read.skipped else ignored, source=source)
+    return _compare(base, read, chosen)
 
 
-def _compare(
-    model: BaseModel,
-    claims: Sequence[Claim],
-    rows: Sequence[Row],
-    naming: Naming,
-    ignored: tuple[Claim, ...],
-) -> Audit:
+@dataclass(frozen=True)
+class _ReadClaims:
+    """Claims, taken apart."""
+
+    claims: tuple[Claim, ...]
+    rows: tuple[Row, ...]  # of the claims
+    ignored: tuple[Claim, ...]  # rows of nothing but ignored parameters
+    skipped: tuple[Claim, ...]  # lines that are no rows
+
+
+def _listed(claims: Sequence[Claim]) -> str:
+    return "; ".join(f"{claim.where}: {shortened(claim.text)}" for claim in claims)
+
+
+def _compare(model: BaseModel, read: _ReadClaims, naming: Naming) -> Audit:
+    claims, rows = read.claims, read.rows
     rng = np.random.default_rng(model.seed)
     geometry, precision = (
         RobotNumbers.of(model),
@@ -161,8 +164,9 @@ def _compare(
         tuple(_missing(k, search) for k in span.missing),
         naming.name,
         str(precision),
-        ignored,
+        read.ignored,
         _notes(model, found),
+        read.skipped,
     )
 
 
@@ -201,29 +205,70 @@ class _Linking:
 
     model: BaseModel
     naming: Naming
+    notation: Notation
     words: Mapping[str, str]
+    symbols: Sequence[str]
     definitions: Mapping[str, str]
     ignore: tuple[str, ...]
     source: str | None
 
-    def row(self, claim: Claim) -> Row | None:
+    def read(self, written: Sequence[Claim]) -> _ReadClaims:
+        """All claims as rows; an InputError names all that cannot be read."""
+        kept: list[tuple[Claim, Row]] = []
+        ignored: list[Claim] = []
+        skipped = [claim for claim in written if self._is_remark(claim)]
+        problems: list[str] = []
+        texts: list[str] = []
+        for claim in written:
+            if claim in skipped:
+                continue
+            try:
+                for part in _parts(claim):
+                    texts.append(part.text)
+                    row = self._row(part)
+                    if row is None:
+                        ignored.append(part)
+                    else:
+                        kept.append((part, row))
+            except ValueError as error:
+                problems.append(f"{claim.where}: {error}")
+        is_text = any(claim.line for claim in written)
+        if is_text:
+            problems += numbering_problem(texts)
+        if problems:
+            more = f"{len(problems)} rows cannot be read: " if problems[1:] else ""
+            hint = "; '#' at the beginning of a line leaves it out" if is_text else ""
+            raise InputError(more + "; ".join(problems) + hint, source=self.source)
+        return _ReadClaims(
+            tuple(claim for claim, _ in kept),
+            tuple(row for _, row in kept),
+            tuple(ignored),
+            tuple(skipped),
+        )
+
+    def _is_remark(self, claim: Claim) -> bool:
+        names = self.notation.names_in(claim.text) if claim.line else ()
+        ignored = any(fnmatchcase(name, p) for name in names for p in self.ignore)
+        return (
+            claim.line is not None
+            and not ignored
+            and self.notation.is_remark(claim.text)
+        )
+
+    def _row(self, claim: Claim) -> Row | None:
         """Coefficients by column; None if only ignored parameters occur."""
-        text, odd = plain_words(claim.text, self.words)
+        text, odd = self.notation.plain(claim.text)
         ignored = {
             name
-            for name in names_in(text)
+            for name in self.notation.names_in(claim.text)
             if any(fnmatchcase(name, p) for p in self.ignore)
         }
 
         def parameter(name: str) -> str | None:
-            return name if name in ignored else self.words.get(odd.get(name, name))
+            original = odd.get(name, name)
+            return original if original in ignored else self.words.get(original)
 
-        try:
-            terms = LinearReader(parameter, self._symbol).read(text)
-        except ValueError as error:
-            raise InputError(
-                str(error), source=self.source, element=claim.where
-            ) from None
+        terms = LinearReader(parameter, self._symbol).read(text)
         column = {name: k for k, name in enumerate(self.model.parameters)}
         row = {
             column[name]: value
@@ -231,22 +276,26 @@ class _Linking:
             if name not in ignored and value
         }
         if not row and not (terms and ignored):
-            raise InputError(
-                f"'{claim.text}' is zero", source=self.source, element=claim.where
-            )
+            raise ValueError(f"'{claim.text}' is zero")
         return row or None
 
     def _symbol(self, name: str) -> Polynomial:
         if name in self.definitions:
-            return parse(self.definitions[name], self._symbols)
-        if name not in self._symbols:
-            valid = [*self._symbols, *self.definitions]
+            return parse(self.definitions[name], self.symbols)
+        if name not in self.symbols:
+            valid = [*self.symbols, *self.definitions]
             raise ValueError(unknown_token(name, self.naming, self.words, valid))
         return Polynomial.generator(name)
 
-    @property
-    def _symbols(self) -> list[str]:
-        return sorted({*self.model.mechanism.symbols, *self.model.matrix.symbols})
+
+def _parts(claim: Claim) -> list[Claim]:
+    """The rows in a line; any other claim as it is."""
+    if claim.line is None:
+        return [claim]
+    return [
+        Claim(formula, claim.where, label)
+        for label, formula in parts_of_line(claim.line)
+    ]
 
 
 STATES = 16
