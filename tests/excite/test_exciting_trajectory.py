@@ -363,7 +363,7 @@ modified_dh:
 """
 POINT = "{body: j3, point: [0.1, 0, 0], "
 BALL = "collisions: {shapes: [{body: j3, sphere: 0.1}]"
-POST = BALL + ", obstacles: [{name: post, box: [0.1, 0.1, 0.1], at: [0.7, 0, 0]}]}"
+POST = BALL + ", obstacles: [{name: post, box: [0.2, 0.2, 0.2], at: [0.7, 0, 0]}]}"
 REFUSED = {
     "zero-length range": ("limits: {position: {j2: [1, 1]}}", "the position range of 'j2' has length zero"),
     "empty range": ("limits: {position: {j2: [1, 0]}}", r"position\.j2: the range is empty"),

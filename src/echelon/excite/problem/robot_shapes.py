@@ -8,10 +8,11 @@ An entry of a set-up names a body and one shape::
 
     {"body": "link3", "sphere": 0.06, "at": [0, 0, 0.1]}
     {"body": "link3", "capsule": 0.05, "from": [0, 0, 0], "to": [0, 0, 0.4]}
-    {"body": "link2", "box": [0.05, 0.05, 0.2], "at": [0, 0, 0.2], "rpy": [0, 0, 0.3]}
+    {"body": "link2", "box": [0.1, 0.1, 0.4], "at": [0, 0, 0.2], "rpy": [0, 0, 0.3]}
     {"body": "world", "plane": [0, 0, 1], "through": [0, 0, -0.1]}
 
-Lengths are in m, angles in rad, in the frame of the body; boxes have half lengths, ellipsoids semi-axes.
+Lengths are in m, angles in rad, in the frame of the body.  Boxes have full lengths, as in URDF and SDF; ellipsoids have
+semi-axes.
 """
 
 from __future__ import annotations
@@ -460,9 +461,10 @@ def _stated(
         return mesh_shape(
             name, body, pose, mesh_vertices(entry["mesh"], directory, scale)
         )
-    return Shape(
-        name, body, kind, tuple(_numbers(entry, kind.value, len(SIZES[kind]))), pose
-    )
+    sizes = _numbers(entry, kind.value, len(SIZES[kind]))
+    if kind is ShapeKind.BOX:
+        sizes = [length / 2 for length in sizes]
+    return Shape(name, body, kind, tuple(sizes), pose)
 
 
 def _kind(entry: Mapping[str, Any]) -> ShapeKind:

@@ -34,7 +34,7 @@ from echelon.excite.problem.robot_shapes import (
     inertia_boxes,
     read_geometry,
 )
-from echelon.excite.problem.shapes import Shape
+from echelon.excite.problem.shapes import Shape, ShapeKind, box_lengths
 from echelon.excite.problem.state_limits import (
     ORDERS,
     EffortLimit,
@@ -544,6 +544,11 @@ def _shapes(
         "obstacles", [{"body": "world", **obstacle} for obstacle in section.obstacles]
     )
     shapes += [replace(shape, obstacle=True) for shape in around]
+    boxes = [shape for shape in around if shape.kind is ShapeKind.BOX]
+    if boxes:
+        measures = ", ".join(f"'{box.name}' {box_lengths(box)}" for box in boxes)
+        text = f"full lengths of the obstacles that are boxes: {measures}"
+        findings.append(note("collisions", setup.source, text))
     if not section.self:
         excluded += combinations([body.name for body in mechanism.bodies], 2)
     return shapes, excluded
