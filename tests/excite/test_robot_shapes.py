@@ -195,8 +195,9 @@ def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
     ):
         read_geometry(mechanism, open_robot(file))
     geometry = read_geometry(mechanism, open_robot(file), tolerant=True)
-    assert len(geometry.notes) == 2
-    assert "link.dae' cannot be read (valid: .stl, .obj, .msh)" in geometry.notes[1]
+    assert [(one.link, one.body) for one in geometry.lost] == [("l0", 0), ("l1", 1)]
+    problem = geometry.lost[1].problem
+    assert "link.dae' cannot be read (valid: .stl, .obj, .msh)" in problem
     (shape,) = geometry.shapes
     assert shape.vertices is not None
     assert {tuple(v) for v in shape.vertices.round(6) + 0.0} == set(

@@ -199,6 +199,8 @@ class ExcitingTrajectory:
         The smallest distance over time; None if no distances are checked.
     obstacles : tuple of Shape
         Shapes that stand around the robot.
+    unchecked : tuple of str
+        What no margin says anything about, in sentences: collisions, links without shapes, pairs that overlap.
     """
 
     trajectory: Trajectory
@@ -213,6 +215,7 @@ class ExcitingTrajectory:
     chance: Chance | None = None
     closeness: Closeness | None = None
     obstacles: tuple[Shape, ...] = ()
+    unchecked: tuple[str, ...] = ()
 
     @property
     def safe(self) -> bool:
@@ -373,6 +376,7 @@ def _result(
             for shape in part.shapes
             if shape.obstacle
         ),
+        unchecked=task.unchecked,
         findings=(*_warnings(task, conditioning, starts), *task.findings),
         settings={
             "echelon": __version__,

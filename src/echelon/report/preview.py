@@ -23,7 +23,6 @@ from echelon.excite import (
     ACTIVE,
     ORDERS,
     SAMPLES_PER_PERIOD,
-    UNCHECKED,
     ExcitingTrajectory,
     Margin,
     when_kept,
@@ -156,10 +155,9 @@ def _header(found: ExcitingTrajectory) -> Context:
     conditioning = found.conditioning
     return {
         "robot": found.base.mechanism.name,
-        "verdict": verdict(
-            found.margins, any(f.text.startswith(UNCHECKED) for f in found.findings)
-        ),
+        "verdict": verdict(found.margins, found.unchecked),
         "safe": found.safe and bool(found.margins),
+        "doubtful": bool(found.unchecked),
         "broken": [margin for margin in found.margins if not margin.kept],
         "active": found.active,
         "limits": len(found.margins),
@@ -184,8 +182,8 @@ def _header(found: ExcitingTrajectory) -> Context:
     }
 
 
-def verdict(margins: tuple[Margin, ...], unchecked: bool = False) -> str:
-    """Whether limits are kept, in words; ``unchecked`` if collisions were not checked.
+def verdict(margins: tuple[Margin, ...], unchecked: tuple[str, ...] = ()) -> str:
+    """Whether limits are kept, in words, and what no limit says anything about.
 
     >>> verdict((Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 1.5),))
     'Every limit is kept at every time.'
@@ -197,7 +195,7 @@ def verdict(margins: tuple[Margin, ...], unchecked: bool = False) -> str:
         return "No limit is checked."
     if not broken:
         checked = "Every checked limit" if unchecked else "Every limit"
-        return f"{checked} is kept {when_kept(margins)}{'; collisions were not checked' * unchecked}."
+        return "; ".join((f"{checked} is kept {when_kept(margins)}", *unchecked)) + "."
     return f"Do not run this: {broken} of {len(margins)} limits {'is' if broken == 1 else 'are'} broken."
 
 
