@@ -1,5 +1,7 @@
 """Names that other rooms may use, and where each is defined."""
 
+from echelon.excite.closeness import FARTHEST as FARTHEST
+from echelon.excite.closeness import PairDistance as PairDistance
 from echelon.excite.driven import SampledRank as SampledRank
 from echelon.excite.driven import sampled_rank as sampled_rank
 from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory
