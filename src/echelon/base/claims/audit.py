@@ -24,12 +24,18 @@ from echelon.base.claims.compare import (
     span_exactly,
     span_roughly,
 )
-from echelon.base.claims.notation import Notation, numbering_problem, parts_of_line
+from echelon.base.claims.notation import (
+    Line,
+    Notation,
+    numbering_problem,
+    parts_of_line,
+)
 from echelon.base.claims.reading import (
     AUTO,
     Claim,
     LinearReader,
     Naming,
+    WrittenClaims,
     find_naming,
     precision_of,
     read_claims,
@@ -106,8 +112,9 @@ def audit(
     defined = {**put_in, **(define or {})}
     symbols = sorted({*base.mechanism.symbols, *base.matrix.symbols})
     written = read_claims(claims)
-    texts = [claim.text for claim in written]
-    chosen, notation, words = find_naming(texts, base, [*symbols, *defined], naming)
+    chosen, notation, words = find_naming(
+        written.texts, base, [*symbols, *defined], naming
+    )
     linking = _Linking(
         base, chosen, notation, words, symbols, defined, tuple(ignore), source
     )
@@ -212,48 +219,49 @@ class _Linking:
     ignore: tuple[str, ...]
     source: str | None
 
-    def read(self, written: Sequence[Claim]) -> _ReadClaims:
+    def read(self, written: WrittenClaims) -> _ReadClaims:
         """All claims as rows; an InputError names all that cannot be read."""
         kept: list[tuple[Claim, Row]] = []
         ignored: list[Claim] = []
-        skipped = [claim for claim in written if self._is_remark(claim)]
-        problems: list[str] = []
-        texts: list[str] = []
-        for claim in written:
-            if claim in skipped:
+        skipped = [line for line in written.lines if self._is_remark(line)]
+        claims = list(enumerate(written.claims))
+        problems: list[tuple[int, str]] = []  # with the place of the row
+        for place, line in enumerate(written.lines):
+            if line in skipped:
                 continue
             try:
-                for part in _parts(claim):
-                    texts.append(part.text)
-                    row = self._row(part)
-                    if row is None:
-                        ignored.append(part)
-                    else:
-                        kept.append((part, row))
+                claims += [(place, claim) for claim in _claims_of(line)]
             except ValueError as error:
-                problems.append(f"{claim.where}: {error}")
-        is_text = any(claim.line for claim in written)
-        if is_text:
-            problems += numbering_problem(texts)
-        if problems:
-            more = f"{len(problems)} rows cannot be read: " if problems[1:] else ""
-            hint = "; '#' at the beginning of a line leaves it out" if is_text else ""
-            raise InputError(more + "; ".join(problems) + hint, source=self.source)
+                problems.append((place, f"{line.where}: {error}"))
+        for place, claim in claims:
+            try:
+                row = self._row(claim)
+            except ValueError as error:
+                problems.append((place, f"{claim.where}: {error}"))
+                continue
+            if row is None:
+                ignored.append(claim)
+            else:
+                kept.append((claim, row))
+        texts = [text for _, text in sorted(problems)]
+        hint = ""
+        if written.lines:
+            texts += numbering_problem([claim.text for _, claim in claims])
+            hint = "; '#' at the beginning of a line leaves it out"
+        if texts:
+            more = f"{len(texts)} rows cannot be read: " if texts[1:] else ""
+            raise InputError(more + "; ".join(texts) + hint, source=self.source)
         return _ReadClaims(
             tuple(claim for claim, _ in kept),
             tuple(row for _, row in kept),
             tuple(ignored),
-            tuple(skipped),
+            tuple(Claim(line.text, line.where) for line in skipped),
         )
 
-    def _is_remark(self, claim: Claim) -> bool:
-        names = self.notation.names_in(claim.text) if claim.line else ()
+    def _is_remark(self, line: Line) -> bool:
+        names = self.notation.names_in(line.text)
         ignored = any(fnmatchcase(name, p) for name in names for p in self.ignore)
-        return (
-            claim.line is not None
-            and not ignored
-            and self.notation.is_remark(claim.text)
-        )
+        return not ignored and self.notation.is_remark(line.text)
 
     def _row(self, claim: Claim) -> Row | None:
         """Coefficients by column; None if only ignored parameters occur."""
@@ -288,14 +296,9 @@ class _Linking:
         return Polynomial.generator(name)
 
 
-def _parts(claim: Claim) -> list[Claim]:
-    """The rows in a line; any other claim as it is."""
-    if claim.line is None:
-        return [claim]
-    return [
-        Claim(formula, claim.where, label)
-        for label, formula in parts_of_line(claim.line)
-    ]
+def _claims_of(line: Line) -> list[Claim]:
+    """The claims in a line of a text."""
+    return [Claim(formula, line.where, label) for label, formula in parts_of_line(line)]
 
 
 STATES = 16

@@ -62,13 +62,27 @@ class Claim:
     name: str | None = None  # the name that its author gave it
     # other cells of its row, such as values, by title or number
     columns: Mapping[str, str] = field(default_factory=dict)
-    line: Line | None = None  # the line of a text that it is, until that is taken apart
+
+
+@dataclass(frozen=True)
+class WrittenClaims:
+    """Claims as they were written."""
+
+    claims: tuple[Claim, ...] = ()
+    lines: tuple[
+        Line, ...
+    ] = ()  # of a text, each of which may be several claims or none
+
+    @property
+    def texts(self) -> list[str]:
+        """All that was written, piece by piece."""
+        return [*(c.text for c in self.claims), *(line.text for line in self.lines)]
 
 
 def read_claims(
     source: str | os.PathLike[str] | Sequence[str] | Mapping[str, str],
-) -> tuple[Claim, ...]:
-    """Claimed expressions from a file or from texts."""
+) -> WrittenClaims:
+    """Claims from a file or from texts."""
     if isinstance(source, str | os.PathLike):
         return _read_file(Path(source))
     claims = _from_json(
@@ -76,26 +90,24 @@ def read_claims(
     )
     if not claims:
         raise InputError("no base parameters are claimed")
-    return claims
+    return WrittenClaims(claims)
 
 
-def _read_file(file: Path) -> tuple[Claim, ...]:
+def _read_file(file: Path) -> WrittenClaims:
     text = read_document(file)
-    suffix = file.suffix.lower()
-    if suffix == ".json":
-        claims = _from_json(parse_json(text, str(file)), str(file))
-    else:
-        claims = _from_table(text) if suffix in (".csv", ".tsv") else _from_lines(text)
-    if not claims:
+    match file.suffix.lower():
+        case ".json":
+            claims = WrittenClaims(_from_json(parse_json(text, str(file)), str(file)))
+        case ".csv" | ".tsv":
+            claims = WrittenClaims(_from_table(text))
+        case _:
+            claims = WrittenClaims(lines=tuple(lines_of(text)))
+    if not claims.texts:
         raise InputError(
             "holds no base parameters: expected rows such as XX2R = XX2 - YY2",
             source=str(file),
         )
     return claims
-
-
-def _from_lines(text: str) -> tuple[Claim, ...]:
-    return tuple(Claim(line.text, line.where, line=line) for line in lines_of(text))
 
 
 def _from_table(text: str) -> tuple[Claim, ...]:
