@@ -57,7 +57,7 @@ def test_a_pair_that_never_reaches_the_clearance_keeps_seven_tenths_of_its_large
 def test_a_distance_that_no_pose_changes_is_said_to_be_one() -> None:
     """A ball at the axis of the first joint turns on the spot."""
     found = allowed(
-        {"name": "table", "box": [9, 9, 1], "at": [0, 0, -1.216]},
+        {"name": "table", "box": [18, 18, 2], "at": [0, 0, -1.216]},
         shapes=[ball("link1", 0.2)],
     )
     assert found.lowered == (
@@ -96,7 +96,7 @@ def test_an_obstacle_that_no_pose_keeps_clear_of_is_refused_with_the_distance_re
         match=r"distance of link2 and wall: -0\.\d+ m at most; .* exclude: \[\[link2, wall",
     ):
         allowed(
-            {"name": "wall", "box": [0.5, 3, 1], "at": [1.2, 0, 0]},
+            {"name": "wall", "box": [1, 6, 2], "at": [1.2, 0, 0]},
             shapes=[ball("link2", 1.9)],
         )
 
@@ -105,8 +105,8 @@ def test_an_obstacle_that_no_pose_keeps_clear_of_is_refused_with_the_distance_re
     ("obstacle", "problem"),
     [
         (
-            {"name": "crate", "box": [1, 1, 1]},
-            "'crate' holds the base: obstacles are solid.* half lengths, so this one measures 2 × 2 × 2 m",
+            {"name": "crate", "box": [2, 2, 2]},
+            "'crate' holds the base: obstacles are solid.* full lengths, so this one measures 2 × 2 × 2 m",
         ),
         (
             {"name": "table", "plane": [0, 0, -1], "through": [0, 0, -0.5]},

@@ -94,9 +94,9 @@ excitation:
   collisions:
     shapes: [{body: j1, sphere: 0.1}, {body: j2, sphere: 0.1, at: [1, 0, 0]}]
     obstacles:
-      - {name: table, box: [0.2, 0.2, 0.1], at: [2, 0.5, 0]}
+      - {name: table, box: [0.4, 0.4, 0.2], at: [2, 0.5, 0]}
       - {plane: [0, 0, 1], through: [0, 0, -0.3]}
-      - {name: table, box: [0.1, 0.1, 0.1], at: [2, -0.35, 0]}
+      - {name: table, box: [0.2, 0.2, 0.2], at: [2, -0.35, 0]}
     exclude: EXCLUDED
 """
 

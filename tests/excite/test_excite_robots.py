@@ -203,7 +203,7 @@ def test_distances_by_mujoco_keep_the_clearance(
             if 'name="post"' not in line and 'name="ball"' not in line
         )
         collisions["obstacles"] = [
-            {"name": "post", "box": [0.08, 0.08, 0.4], "at": [0.5, 0.5, 0.4]},
+            {"name": "post", "box": [0.16, 0.16, 0.8], "at": [0.5, 0.5, 0.4]},
             {"name": "ball", "sphere": 0.1, "at": [-0.5, -0.4, 0.4]},
         ]
     file.write_text(text)

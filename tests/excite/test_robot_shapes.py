@@ -195,8 +195,9 @@ def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
     ):
         read_geometry(mechanism, open_robot(file))
     geometry = read_geometry(mechanism, open_robot(file), tolerant=True)
-    assert len(geometry.notes) == 2
-    assert "link.dae' cannot be read (valid: .stl, .obj, .msh)" in geometry.notes[1]
+    assert [(one.link, one.body) for one in geometry.lost] == [("l0", 0), ("l1", 1)]
+    problem = geometry.lost[1].problem
+    assert "link.dae' cannot be read (valid: .stl, .obj, .msh)" in problem
     (shape,) = geometry.shapes
     assert shape.vertices is not None
     assert {tuple(v) for v in shape.vertices.round(6) + 0.0} == set(
@@ -219,7 +220,7 @@ def test_entries() -> None:
             },
             {
                 "body": "link2",
-                "box": [0.1, 0.2, 0.3],
+                "box": [0.2, 0.4, 0.6],
                 "at": [0, 0, 0.2],
                 "rpy": [0, 0, 0.3],
             },
@@ -287,3 +288,16 @@ def test_entries() -> None:
 def test_entries_are_checked(entry: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         entry_shapes(planar(), [entry])
+
+
+def test_stated_boxes_have_lengths_as_in_urdf(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        "<robot name='arm'><link name='base'/><link name='arm'><collision><geometry><box size='0.2 0.4 0.6'/>"
+        "</geometry></collision></link><joint name='j' type='continuous'><parent link='base'/><child link='arm'/>"
+        "<axis xyz='1 0 0'/></joint></robot>"
+    )
+    mechanism = ec.load(file)
+    (of_file,) = read_geometry(mechanism, open_robot(file)).shapes
+    (stated,) = entry_shapes(mechanism, [{"body": "arm", "box": [0.2, 0.4, 0.6]}])
+    assert stated.size == of_file.size

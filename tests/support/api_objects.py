@@ -19,7 +19,7 @@ import numpy as np
 import echelon as ec
 from echelon.compute import TensorLibrary
 from echelon.dynamics.linear_forms import virtual_power_form
-from echelon.excite.excite import Closeness
+from echelon.excite.closeness import Closeness, PairDistance
 from echelon.excite.problem.shapes import Shape, ShapeKind
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.advantage import Advantage
@@ -442,7 +442,10 @@ OBJECTS: Mapping[str, Example] = {
     "excitation": Example(lambda: ec.exciting_trajectory(setup(), **MOTION), moved),
     "obstacle": Example(lambda: Shape("wall", -1, ShapeKind.PLANE, (), np.eye(4))),
     "distances": Example(
-        lambda: Closeness(np.arange(2.0), np.ones(2), ("a – b", "a – b"))
+        lambda: Closeness(
+            np.arange(2.0),
+            (PairDistance("distance of a and b", False, 0.02, np.ones(2)),),
+        )
     ),
     "limits": Example(lambda: ec.load_setup(file("special.yaml")), run),
     "AssemblyWarning": error(ec.AssemblyWarning, "moved"),

@@ -85,7 +85,7 @@ def random_arm(seed: int) -> tuple[Mechanism, tuple[Shape, ...]]:
             )
         )
         at = rng.uniform(-0.1, 0.1, 3).tolist()
-        shape = [{"sphere": 0.08, "at": at}, {"box": [0.05, 0.1, 0.08], "at": at}]
+        shape = [{"sphere": 0.08, "at": at}, {"box": [0.1, 0.2, 0.16], "at": at}]
         shape += [
             {"capsule": 0.05, "from": at, "to": [0.1, 0.1, 0.2]},
             {"cylinder": 0.05, "from": at, "to": [0, 0, 0.3]},

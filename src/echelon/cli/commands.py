@@ -403,7 +403,7 @@ def audit(
     claimed: Annotated[
         Path,
         Positional(
-            help="Base parameters to check: CSV, JSON, or one expression per line."
+            help="Base parameters to check: CSV, JSON, or text as papers print it."
         ),
     ],
     read: dict[str, Any],

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from echelon.cli.screen import say_time, say_written, show
 from echelon.cli.terminal import plain_table, print_findings
-from echelon.excite import UNCHECKED, ExcitingTrajectory, design_to_json, when_kept
+from echelon.excite import ExcitingTrajectory, design_to_json, when_kept
 from echelon.shared import one_line
 
 
@@ -42,7 +42,8 @@ def print_trajectory(found: ExcitingTrajectory) -> None:
     if found.starts:
         console.print(Text(_starts(found)))
     console.print(Text(_conditioning(found)))
-    style = "bold green" if found.safe else "bold red"
+    kept = "bold yellow" if found.unchecked else "bold green"
+    style = kept if found.safe else "bold red"
     console.print(Text(verdict(found), style=style))
 
 
@@ -50,11 +51,8 @@ def verdict(found: ExcitingTrajectory) -> str:
     """Whether all limits are kept, in a sentence."""
     broken = [margin.label for margin in found.margins if not margin.kept]
     if not broken:
-        unchecked = any(
-            finding.text.startswith(UNCHECKED) for finding in found.findings
-        )
         kept = f"all {len(found.margins)} limits are kept {when_kept(found.margins)}"
-        return f"{kept}; collisions were not checked" if unchecked else kept
+        return one_line("; ".join((kept, *found.unchecked)))
     more = f" and {len(broken) - 6} more" if len(broken) > 6 else ""
     return f"broken limits: {', '.join(map(one_line, broken[:6]))}{more}"
 

@@ -1,5 +1,7 @@
 """Names that other rooms may use, and where each is defined."""
 
+from echelon.excite.closeness import FARTHEST as FARTHEST
+from echelon.excite.closeness import PairDistance as PairDistance
 from echelon.excite.driven import SampledRank as SampledRank
 from echelon.excite.driven import sampled_rank as sampled_rank
 from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory
@@ -20,7 +22,6 @@ from echelon.excite.problem.shapes import Shape as Shape
 from echelon.excite.problem.shapes import ShapeKind as ShapeKind
 from echelon.excite.problem.state_limits import ORDERS as ORDERS
 from echelon.excite.problem.state_limits import enclosures_of as enclosures_of
-from echelon.excite.problem.task import UNCHECKED as UNCHECKED
 from echelon.excite.problem.task import ResolvedLimits as ResolvedLimits
 from echelon.excite.problem.task import changed as changed
 from echelon.excite.problem.task import resolved_limits as resolved_limits

@@ -11,18 +11,24 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base import BaseModel
-from echelon.excite.problem.clearance import Clearance
-from echelon.excite.problem.closed_loops import LoopLimits, LoopMotion, state_regressor
+from echelon.excite.closeness import Closeness, beginning, clearances, closeness_of
+from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import condition_number, log_det, sample_times
 from echelon.excite.problem.shapes import Shape
-from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task, changed, task_of
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.solve.design import Chance, designed, safe, searched
 from echelon.excite.solve.solver import Watch
-from echelon.excite.verify import Margin, margins_of
+from echelon.excite.verify import Margin, margins_of, used_limits
 from echelon.formats import NO_LIMIT
-from echelon.identification import Finding, Setup, setup_of, warning, with_file_effects
+from echelon.identification import (
+    Finding,
+    Setup,
+    note,
+    setup_of,
+    warning,
+    with_file_effects,
+)
 from echelon.robot import Readable
 from echelon.shared import Floats, InputError, __version__, plain_data, public
 
@@ -130,48 +136,6 @@ class Start:
     history: tuple[float, ...]  # the best value so far, each time it became better
 
 
-@dataclass(frozen=True)
-class Closeness:
-    """The smallest distance of all pairs that are checked, at samples."""
-
-    time: Floats  # shape (N,), s
-    distance: Floats  # shape (N,), m; larger ones count as the reach of the measurement
-    nearest: tuple[str, ...]  # label of the pair at each time
-
-
-DISTANCE_RATE = 50.0
-"""Rate, Hz, at which the smallest distance is shown: a body goes centimetres in between."""
-
-
-def closeness_of(task: Task, trajectory: Trajectory) -> Closeness | None:
-    """The smallest distance over time; None where no distances are checked."""
-    found = [(part, motion) for part, motion in _clearances(task) if part.labels]
-    if not found:
-        return None
-    clearance, motion = found[0]
-    time = np.linspace(
-        0.0, trajectory.duration, round(DISTANCE_RATE * trajectory.duration) + 1
-    )
-    q = trajectory(time)
-    distances = clearance.nearest(
-        q if motion is None else motion.positioned(q).q
-    ).distances
-    least = distances.argmin(axis=1)
-    return Closeness(
-        time, distances.min(axis=1), tuple(clearance.labels[k] for k in least)
-    )
-
-
-def _clearances(task: Task) -> Iterator[tuple[Clearance, LoopMotion | None]]:
-    """Limits of distances, with the motion of loops if there are any."""
-    for constraint in task.constraints:
-        motion = None
-        parts: tuple[StateConstraint, ...] = (constraint,)
-        if isinstance(constraint, LoopLimits):
-            motion, parts = constraint.motion, constraint.parts
-        yield from ((part, motion) for part in parts if isinstance(part, Clearance))
-
-
 @public
 @dataclass(frozen=True)
 class ExcitingTrajectory:
@@ -196,9 +160,11 @@ class ExcitingTrajectory:
     chance : Chance, optional
         The best that random motions within the limits reach; None if nothing was searched.
     closeness : Closeness, optional
-        The smallest distance over time; None if no distances are checked.
-    obstacles : tuple of Shape
-        Shapes that stand around the robot.
+        Distances over time; None if none are checked.
+    shapes : tuple of Shape
+        Shapes that are checked: those of the robot, and obstacles.
+    unchecked : tuple of str
+        What no margin says anything about, in sentences: collisions, links without shapes, pairs that overlap.
     """
 
     trajectory: Trajectory
@@ -212,7 +178,8 @@ class ExcitingTrajectory:
     settings: Mapping[str, Any]
     chance: Chance | None = None
     closeness: Closeness | None = None
-    obstacles: tuple[Shape, ...] = ()
+    shapes: tuple[Shape, ...] = ()
+    unchecked: tuple[str, ...] = ()
 
     @property
     def safe(self) -> bool:
@@ -367,13 +334,13 @@ def _result(
         starts=tuple(starts),
         chance=chance,
         closeness=closeness_of(task, trajectory),
-        obstacles=tuple(
-            shape
-            for part, _ in _clearances(task)
-            for shape in part.shapes
-            if shape.obstacle
+        shapes=tuple(shape for part, _ in clearances(task) for shape in part.shapes),
+        unchecked=task.unchecked,
+        findings=(
+            *_warnings(task, conditioning, starts),
+            *_notes(task, trajectory, margins),
+            *task.findings,
         ),
-        findings=(*_warnings(task, conditioning, starts), *task.findings),
         settings={
             "echelon": __version__,
             "setup": task.setup.source,
@@ -406,3 +373,19 @@ def _warnings(
             f"no start of the solver converged ({', '.join(sorted(ended))}): better motions may exist"
         )
     return [warning("design", task.setup.source, text) for text in texts]
+
+
+def _notes(
+    task: Task, trajectory: Trajectory, margins: Sequence[Margin]
+) -> list[Finding]:
+    """What to know before the motion is run."""
+    found = []
+    if begins := beginning(task, trajectory):
+        found.append(note("beginning", task.setup.source, begins))
+    if used := used_limits(margins):
+        text = (
+            f"the motion uses up to these shares of its limits: {used}; for more room state smaller limits, or a scale for "
+            "those of the robot file"
+        )
+        found.append(note("limits", task.setup.source, text))
+    return found

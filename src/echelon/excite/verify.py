@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from math import inf, isnan
+from math import inf, isfinite, isnan
 from typing import Any
 
 import numpy as np
@@ -90,6 +90,11 @@ class Margin:
         return self.margin / size if size else self.margin
 
     @property
+    def used(self) -> float | None:
+        """Share of the way from the middle of the range to its ends that is used; None for limits with one end."""
+        return 1 - 2 * self.relative if isfinite(self.high - self.low) else None
+
+    @property
     def kept(self) -> bool:
         """Whether the limit holds, at every time unless margins are :attr:`sampled`."""
         return self.margin >= 0
@@ -98,6 +103,22 @@ class Margin:
     def active(self) -> bool:
         """Whether the trajectory comes near the limit."""
         return self.kept and self.relative < ACTIVE
+
+
+def used_limits(margins: Iterable[Margin]) -> str:
+    """The largest share that is used of each kind of limit, in words.
+
+    >>> used_limits([Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 1.5)])
+    'velocity 75 % (j1)'
+    """
+    most: dict[str, tuple[float, str]] = {}
+    for margin in margins:
+        kind, _, name = margin.label.partition(" of ")
+        if margin.used is not None:
+            most[kind] = max(most.get(kind, (-inf, "")), (margin.used, name))
+    return ", ".join(
+        f"{kind} {100 * share:.3g} % ({name})" for kind, (share, name) in most.items()
+    )
 
 
 def when_kept(margins: Iterable[Margin]) -> str:

@@ -1,4 +1,4 @@
-"""Outlines of obstacles: curves that show a convex solid in a drawing of lines."""
+"""Outlines of shapes: curves that show a convex solid in a drawing of lines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CROSSES = 4  # lines to either side of the middle of a plane
 
 
 def outline(shape: Shape, extent: float) -> list[Floats]:
-    """Curves in the base frame, each of shape (N, 3), m; planes are drawn as large as an extent, m."""
+    """Curves in the frame of the body, each of shape (N, 3), m; planes are drawn as large as an extent, m."""
     rotation, origin = shape.placement[:3, :3], shape.placement[:3, 3]
     return [curve @ rotation.T + origin for curve in _own(shape, extent)]
 
@@ -47,7 +47,13 @@ def _own(shape: Shape, extent: float) -> list[Floats]:
     circle = radius * _circle((0, 1), 0.0)
     up = np.array([0.0, 0.0, half])
     sides = [np.stack([corner - up, corner + up]) for corner in circle[:-1:8]]
-    return [circle - up, circle + up, *sides]
+    caps: list[Floats] = []
+    if shape.kind is ShapeKind.CAPSULE:
+        half_turn = len(TURN) // 2 + 1
+        for axes in ((0, 2), (1, 2)):
+            arc = radius * _circle(axes, 0.0)[:half_turn]
+            caps += [arc + up, -arc - up]
+    return [circle - up, circle + up, *sides, *caps]
 
 
 def _circle(axes: tuple[int, int], height: float) -> Floats:

@@ -21,11 +21,14 @@ import numpy.typing as npt
 from echelon.dynamics import Kinematics, assembly_of
 from echelon.excite import (
     ACTIVE,
+    FARTHEST,
     ORDERS,
     SAMPLES_PER_PERIOD,
-    UNCHECKED,
     ExcitingTrajectory,
     Margin,
+    PairDistance,
+    Shape,
+    ShapeKind,
     when_kept,
 )
 from echelon.report.drawing import (
@@ -129,7 +132,7 @@ def preview_html(found: ExcitingTrajectory) -> str:
     data = {
         "robot": pictures,
         "motion": _signals(found),
-        "distance": _distance(found),
+        "distances": _distances(found),
         "conditioning": {
             "time": [time for time, _ in seen],
             "condition": [condition for _, condition in seen],
@@ -156,10 +159,9 @@ def _header(found: ExcitingTrajectory) -> Context:
     conditioning = found.conditioning
     return {
         "robot": found.base.mechanism.name,
-        "verdict": verdict(
-            found.margins, any(f.text.startswith(UNCHECKED) for f in found.findings)
-        ),
+        "verdict": verdict(found.margins, found.unchecked),
         "safe": found.safe and bool(found.margins),
+        "doubtful": bool(found.unchecked),
         "broken": [margin for margin in found.margins if not margin.kept],
         "active": found.active,
         "limits": len(found.margins),
@@ -184,8 +186,8 @@ def _header(found: ExcitingTrajectory) -> Context:
     }
 
 
-def verdict(margins: tuple[Margin, ...], unchecked: bool = False) -> str:
-    """Whether limits are kept, in words; ``unchecked`` if collisions were not checked.
+def verdict(margins: tuple[Margin, ...], unchecked: tuple[str, ...] = ()) -> str:
+    """Whether limits are kept, in words, and what no limit says anything about.
 
     >>> verdict((Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 1.5),))
     'Every limit is kept at every time.'
@@ -197,8 +199,14 @@ def verdict(margins: tuple[Margin, ...], unchecked: bool = False) -> str:
         return "No limit is checked."
     if not broken:
         checked = "Every checked limit" if unchecked else "Every limit"
-        return f"{checked} is kept {when_kept(margins)}{'; collisions were not checked' * unchecked}."
+        return "; ".join((f"{checked} is kept {when_kept(margins)}", *unchecked)) + "."
     return f"Do not run this: {broken} of {len(margins)} limits {'is' if broken == 1 else 'are'} broken."
+
+
+def _said(found: ExcitingTrajectory, kind: str) -> str:
+    """The finding of a kind as a sentence, if there is one."""
+    texts = [finding.text for finding in found.findings if finding.kind == kind]
+    return f"{texts[0][0].upper()}{texts[0][1:]}." if texts else ""
 
 
 def _motion(found: ExcitingTrajectory) -> Context:
@@ -254,29 +262,82 @@ def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
     }
 
 
-def _distance(found: ExcitingTrajectory) -> dict[str, Any] | None:
-    """The smallest distance over time, JSON-able; None where none is checked."""
-    close = found.closeness
-    if close is None:
+MOST_PAIRS = 8
+"""Pairs in a plot of distances: as many as there are colours."""
+
+
+@dataclass(frozen=True)
+class _PairGroup:
+    """Pairs whose distances stand in one plot, those that come nearest to their clearance first."""
+
+    title: str
+    pairs: tuple[PairDistance, ...]
+    more: int  # pairs that stay further away and are not drawn
+
+
+def _pair_groups(found: ExcitingTrajectory) -> list[_PairGroup]:
+    """Distances to obstacles, and those within the robot, as far as the motion changes them."""
+    groups = []
+    for obstacle, title in ((True, "to obstacles"), (False, "within the robot")):
+        pairs = [
+            pair
+            for pair in (found.closeness.pairs if found.closeness else ())
+            if pair.obstacle is obstacle and not pair.steady
+        ]
+        if pairs:
+            shown = tuple(pairs[:MOST_PAIRS])
+            groups.append(_PairGroup(title, shown, len(pairs) - len(shown)))
+    return groups
+
+
+def _distances(found: ExcitingTrajectory) -> dict[str, Any] | None:
+    """Distances over time, JSON-able; None where none is checked."""
+    if found.closeness is None:
         return None
-    names = [one_line(label.removeprefix("distance of ")) for label in close.nearest]
     return {
-        "time": packed(close.time),
-        "distance": packed(close.distance),
-        "nearest": names,
+        "time": packed(found.closeness.time),
+        "groups": [
+            [
+                {
+                    "name": _pair_name(pair),
+                    "low": pair.low,
+                    # further away there is a gap
+                    "distance": packed(
+                        np.where(pair.distance < FARTHEST, pair.distance, np.nan)
+                    ),
+                }
+                for pair in group.pairs
+            ]
+            for group in _pair_groups(found)
+        ],
     }
+
+
+def _pair_name(pair: PairDistance) -> str:
+    return one_line(pair.label.removeprefix("distance of "))
 
 
 def _limits(found: ExcitingTrajectory) -> Context:
     """Table of limits: the allowed value, the reached one and the margin, least margin first."""
-    rows = sorted((_limit(margin) for margin in found.margins), key=_urgency)
+    pairs = found.closeness.pairs if found.closeness else ()
+    measured = {pair.label: pair.least for pair in pairs if pair.least < FARTHEST}
+    rows = sorted(
+        (_limit(margin, measured.get(margin.label)) for margin in found.margins),
+        key=_urgency,
+    )
     counts = {
         state: sum(row["state"] == state for row in rows)
         for state in ("broken", "active", "kept")
     }
-    checked = found.closeness is not None
     return {
-        "distances": checked,
+        "groups": _pair_groups(found),
+        "steady": [
+            (_pair_name(pair), pair.least)
+            for pair in pairs
+            if pair.steady and pair.least < FARTHEST
+        ],
+        "farthest": FARTHEST,
+        "used": _said(found, "limits"),
         "rows": rows,
         "counts": counts,
         "near": f"{100 * ACTIVE:g}",
@@ -284,8 +345,11 @@ def _limits(found: ExcitingTrajectory) -> Context:
     }
 
 
-def _limit(margin: Margin) -> Context:
-    """One limit, with what is reached in per cent of the width of a picture in which the limits stand at 10 and 90."""
+def _limit(margin: Margin, measured: float | None) -> Context:
+    """One limit, with what is reached in per cent of the width of a picture in which the limits stand at 10 and 90.
+
+    Of a distance also the smallest one at samples is told, since what is proved may be less.
+    """
     state = "active" if margin.active else "kept" if margin.kept else "broken"
     left, right = (_place(margin, value) for value in (margin.least, margin.largest))
     return {
@@ -294,7 +358,20 @@ def _limit(margin: Margin) -> Context:
         "percent": 100 * margin.relative,
         "left": left,
         "width": right - left,
+        "measured": measured,
+        "allowed": _interval(margin.low, margin.high, "≥", "≤"),
+        "reached": _interval(margin.least, margin.largest, "at least", "at most"),
+        "picture": isfinite(margin.high - margin.low),
     }
+
+
+def _interval(low: float, high: float, above: str, below: str) -> str:
+    """Two ends in words; one that is infinite is not there."""
+    if high == inf and isfinite(low):
+        return f"{above} {significant(low)}"
+    if low == -inf and isfinite(high):
+        return f"{below} {significant(high)}"
+    return f"{significant(low)} … {significant(high)}"
 
 
 def _urgency(row: Context) -> tuple[int, float]:
@@ -403,6 +480,9 @@ class Scene:
     tips: Floats  # shape (N, last bodies, 3): where drawings of the last bodies end, m
     last: tuple[int, ...]  # the last bodies
     still: npt.NDArray[np.bool_]  # shape (bodies,): bodies that do not move
+    shapes: tuple[Shape, ...]  # of the robot, as far as they are drawn
+    # shape (N, shapes, 2, 3): x and y axes of the frames of the bodies that carry the shapes
+    turned: Floats
     up: Floats  # shape (3,): against gravity; z without gravity
     extent: float  # size of what the robot's bodies sweep, m
 
@@ -431,6 +511,14 @@ def scene(found: ExcitingTrajectory) -> Scene:
     ).max(axis=(1, 2))
     axes = joint_axes(mechanism, rotations, known_values(mechanism))
     q, qd = trajectory(time), trajectory(time, 1)
+    shapes = tuple(
+        shape
+        for shape in found.shapes
+        if not shape.obstacle and shape.kind is not ShapeKind.MESH
+    )
+    fixed = np.broadcast_to(np.eye(3), (len(time), 1, 3, 3))
+    # the last frame is the base's, at index −1
+    carried = np.concatenate([rotations, fixed], axis=1)[:, [s.body for s in shapes]]
     return Scene(
         mechanism,
         time,
@@ -441,6 +529,8 @@ def scene(found: ExcitingTrajectory) -> Scene:
         tips,
         last,
         moved < STILL,
+        shapes,
+        np.swapaxes(carried[..., :2], -1, -2),
         upward(mechanism),
         extent,
     )
@@ -479,6 +569,8 @@ def _context(found: ExcitingTrajectory, view: Scene) -> Context:
             if still
         ],
         "floats": not view.mechanism.gravity,
+        "shaped": bool(view.shapes),
+        "begins": _said(found, "beginning"),
         "coordinates": list(
             zip(found.trajectory.coordinates, found.trajectory.units, strict=True)
         ),
@@ -503,15 +595,17 @@ def _pictures(found: ExcitingTrajectory, view: Scene) -> dict[str, Any]:
     )
     arrays = {
         name: packed(getattr(view, name))
-        for name in ("origins", "axes", "tips", "q", "qd")
+        for name in ("origins", "axes", "tips", "turned", "q", "qd")
     }
-    obstacles = []
-    for shape in found.obstacles:
+
+    def drawn(shape: Shape) -> dict[str, Any]:
         curves = [curve.round(4).tolist() for curve in outline(shape, view.extent)]
-        obstacles.append({"name": one_line(shape.name), "curves": curves})
+        return {"name": one_line(shape.name), "body": shape.body, "curves": curves}
+
     return {
         "bodies": bodies,
-        "obstacles": obstacles,
+        "obstacles": [drawn(shape) for shape in found.shapes if shape.obstacle],
+        "shapes": [drawn(shape) for shape in view.shapes],
         "pictures": len(view.time),
         "duration": float(view.time[-1]),
         "coordinates": [one_line(name) for name in found.trajectory.coordinates],

@@ -24,14 +24,19 @@ from echelon.base.claims.compare import (
     span_exactly,
     span_roughly,
 )
+from echelon.base.claims.notation import (
+    Line,
+    Notation,
+    numbering_problem,
+    parts_of_line,
+)
 from echelon.base.claims.reading import (
     AUTO,
     Claim,
     LinearReader,
     Naming,
+    WrittenClaims,
     find_naming,
-    names_in,
-    plain_words,
     precision_of,
     read_claims,
     unknown_token,
@@ -44,7 +49,7 @@ from echelon.base.model import BaseModel
 from echelon.base.reading_report import ROUNDING
 from echelon.dynamics import assembly_of
 from echelon.robot import Mechanism, MotionKind, Readable, all_symbols
-from echelon.shared import Floats, InputError, public
+from echelon.shared import Floats, InputError, public, shortened
 
 PROPAGATED = 10.0
 """Largest effect on a coefficient of a change of an angle, by that change: lengths are metres, and few multiply."""
@@ -68,7 +73,7 @@ def audit(
     model : BaseModel, Mechanism or path-like
         A saved set or its file; of a robot or its file, base parameters are derived first.
     claims : path-like, sequence of str, or mapping of str to str
-        A file (CSV, JSON, or text with one expression per line), or expressions, maybe by name.
+        A file (CSV, JSON, or text as papers print it), or expressions, maybe by name.
     naming : str
         ``"echelon"``, ``"symoro"``, ``"sympybotics"`` or ``"pinocchio"`` (also FIGAROH's); recognised if ``"auto"``.
     define : mapping of str to str, optional
@@ -85,7 +90,7 @@ def audit(
     Raises
     ------
     InputError
-        If the claims cannot be read; names the row and what would be valid.
+        If claims cannot be read, or can be read in two ways; names all such rows and what would be valid.
 
     Examples
     --------
@@ -99,39 +104,44 @@ def audit(
     """
     base = base_of(model)
     source = os.fspath(claims) if isinstance(claims, str | os.PathLike) else None
-    found = read_claims(claims)
-    chosen, words = find_naming([claim.text for claim in found], base, naming)
     put_in = (
         base.special.definitions
         if base.special is not None and not base.generic
         else {}
     )
+    defined = {**put_in, **(define or {})}
+    symbols = sorted({*base.mechanism.symbols, *base.matrix.symbols})
+    written = read_claims(claims)
+    chosen, notation, words = find_naming(
+        written.texts, base, [*symbols, *defined], naming
+    )
     linking = _Linking(
-        base, chosen, words, {**put_in, **(define or {})}, tuple(ignore), source
+        base, chosen, notation, words, symbols, defined, tuple(ignore), source
     )
-    rows = [linking.row(claim) for claim in found]
-    kept = [
-        (claim, row) for claim, row in zip(found, rows, strict=True) if row is not None
-    ]
-    if not kept:
-        raise InputError(
-            "nothing is left to compare: every row is ignored", source=source
-        )
-    left_out = tuple(
-        claim for claim, row in zip(found, rows, strict=True) if row is None
-    )
-    return _compare(
-        base, [claim for claim, _ in kept], [row for _, row in kept], chosen, left_out
-    )
+    read = linking.read(written)
+    if not read.rows:
+        ignored = "nothing is left to compare: every row is ignored"
+        remarks = f"no line holds a standard parameter: {_listed(read.skipped)}"
+        raise InputError(remarks if read.skipped else ignored, source=source)
+    return _compare(base, read, chosen)
 
 
-def _compare(
-    model: BaseModel,
-    claims: Sequence[Claim],
-    rows: Sequence[Row],
-    naming: Naming,
-    ignored: tuple[Claim, ...],
-) -> Audit:
+@dataclass(frozen=True)
+class _ReadClaims:
+    """Claims, taken apart."""
+
+    claims: tuple[Claim, ...]
+    rows: tuple[Row, ...]  # of the claims
+    ignored: tuple[Claim, ...]  # rows of nothing but ignored parameters
+    skipped: tuple[Claim, ...]  # lines that are no rows
+
+
+def _listed(claims: Sequence[Claim]) -> str:
+    return "; ".join(f"{claim.where}: {shortened(claim.text)}" for claim in claims)
+
+
+def _compare(model: BaseModel, read: _ReadClaims, naming: Naming) -> Audit:
+    claims, rows = read.claims, read.rows
     rng = np.random.default_rng(model.seed)
     geometry, precision = (
         RobotNumbers.of(model),
@@ -161,8 +171,9 @@ def _compare(
         tuple(_missing(k, search) for k in span.missing),
         naming.name,
         str(precision),
-        ignored,
+        read.ignored,
         _notes(model, found),
+        read.skipped,
     )
 
 
@@ -201,29 +212,71 @@ class _Linking:
 
     model: BaseModel
     naming: Naming
+    notation: Notation
     words: Mapping[str, str]
+    symbols: Sequence[str]
     definitions: Mapping[str, str]
     ignore: tuple[str, ...]
     source: str | None
 
-    def row(self, claim: Claim) -> Row | None:
+    def read(self, written: WrittenClaims) -> _ReadClaims:
+        """All claims as rows; an InputError names all that cannot be read."""
+        kept: list[tuple[Claim, Row]] = []
+        ignored: list[Claim] = []
+        skipped = [line for line in written.lines if self._is_remark(line)]
+        claims = list(enumerate(written.claims))
+        problems: list[tuple[int, str]] = []  # with the place of the row
+        for place, line in enumerate(written.lines):
+            if line in skipped:
+                continue
+            try:
+                claims += [(place, claim) for claim in _claims_of(line)]
+            except ValueError as error:
+                problems.append((place, f"{line.where}: {error}"))
+        for place, claim in claims:
+            try:
+                row = self._row(claim)
+            except ValueError as error:
+                problems.append((place, f"{claim.where}: {error}"))
+                continue
+            if row is None:
+                ignored.append(claim)
+            else:
+                kept.append((claim, row))
+        texts = [text for _, text in sorted(problems)]
+        hint = ""
+        if written.lines:
+            texts += numbering_problem([claim.text for _, claim in claims])
+            hint = "; '#' at the beginning of a line leaves it out"
+        if texts:
+            more = f"{len(texts)} rows cannot be read: " if texts[1:] else ""
+            raise InputError(more + "; ".join(texts) + hint, source=self.source)
+        return _ReadClaims(
+            tuple(claim for claim, _ in kept),
+            tuple(row for _, row in kept),
+            tuple(ignored),
+            tuple(Claim(line.text, line.where) for line in skipped),
+        )
+
+    def _is_remark(self, line: Line) -> bool:
+        names = self.notation.names_in(line.text)
+        ignored = any(fnmatchcase(name, p) for name in names for p in self.ignore)
+        return not ignored and self.notation.is_remark(line.text)
+
+    def _row(self, claim: Claim) -> Row | None:
         """Coefficients by column; None if only ignored parameters occur."""
-        text, odd = plain_words(claim.text, self.words)
+        text, odd = self.notation.plain(claim.text)
         ignored = {
             name
-            for name in names_in(text)
+            for name in self.notation.names_in(claim.text)
             if any(fnmatchcase(name, p) for p in self.ignore)
         }
 
         def parameter(name: str) -> str | None:
-            return name if name in ignored else self.words.get(odd.get(name, name))
+            original = odd.get(name, name)
+            return original if original in ignored else self.words.get(original)
 
-        try:
-            terms = LinearReader(parameter, self._symbol).read(text)
-        except ValueError as error:
-            raise InputError(
-                str(error), source=self.source, element=claim.where
-            ) from None
+        terms = LinearReader(parameter, self._symbol).read(text)
         column = {name: k for k, name in enumerate(self.model.parameters)}
         row = {
             column[name]: value
@@ -231,22 +284,21 @@ class _Linking:
             if name not in ignored and value
         }
         if not row and not (terms and ignored):
-            raise InputError(
-                f"'{claim.text}' is zero", source=self.source, element=claim.where
-            )
+            raise ValueError(f"'{claim.text}' is zero")
         return row or None
 
     def _symbol(self, name: str) -> Polynomial:
         if name in self.definitions:
-            return parse(self.definitions[name], self._symbols)
-        if name not in self._symbols:
-            valid = [*self._symbols, *self.definitions]
+            return parse(self.definitions[name], self.symbols)
+        if name not in self.symbols:
+            valid = [*self.symbols, *self.definitions]
             raise ValueError(unknown_token(name, self.naming, self.words, valid))
         return Polynomial.generator(name)
 
-    @property
-    def _symbols(self) -> list[str]:
-        return sorted({*self.model.mechanism.symbols, *self.model.matrix.symbols})
+
+def _claims_of(line: Line) -> list[Claim]:
+    """The claims in a line of a text."""
+    return [Claim(formula, line.where, label) for label, formula in parts_of_line(line)]
 
 
 STATES = 16

@@ -4,10 +4,9 @@ A program that prints ``0.050625`` and ``0.07`` in one set means 0.070000 by the
 the precision belongs to the set: its longest decimal tells the number of decimals, or of significant digits, to which
 all are rounded.  More than nine are floating-point noise.
 
-Expressions are linear in the standard parameters.  The same Python parser as in
-:mod:`echelon.algebra.exact.expressions`, but a
-walk of its own: the coefficients are rational functions of the geometry (``MX2/a2`` is fine), and a product of two
-parameters is refused.
+Expressions are linear in the standard parameters, in the notation of :mod:`echelon.base.claims.notation`.  The Python
+parser of :mod:`echelon.algebra.exact.expressions` reads them, but a walk of its own follows: the coefficients are
+rational functions of the geometry (``MX2/a2`` is fine), and a product of two parameters is refused.
 
 How other programs write the standard parameters is one table.  A naming is a list of patterns; with the labels and
 names of a model's bodies they give the vocabulary, all texts that stand for a parameter of this model.  Sources:
@@ -21,7 +20,7 @@ import ast
 import csv
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from difflib import get_close_matches
@@ -38,6 +37,7 @@ from echelon.algebra import (
     parse,
     parse_decimal,
 )
+from echelon.base.claims.notation import COMMENT, Line, Notation, lines_of
 from echelon.base.expression import DECIMAL_DIGITS
 from echelon.base.model import BaseModel
 from echelon.shared import PARAMETERS, InputError, parse_json, read_document
@@ -47,11 +47,9 @@ _HEADERS = (
     "parameter", "parameters", "params_base", "name",
 )  # fmt: skip
 """Titles of a column of expressions, most telling first."""
-_COMMENT = re.compile(r"\s*(#|%|//).*$")
-_NAMED = re.compile(r"^\s*([^\W\d][\w .\[\]-]*?)\s*[=:]\s*(.+)$")
 _SCHEMA = "echelon.base-model/1"
 _DECIMAL = re.compile(
-    r"(?<![\w.])(?:(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\w.])"
+    r"(?<![\w.])(?:(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\d.])"
 )
 
 
@@ -66,10 +64,25 @@ class Claim:
     columns: Mapping[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class WrittenClaims:
+    """Claims as they were written."""
+
+    claims: tuple[Claim, ...] = ()
+    lines: tuple[
+        Line, ...
+    ] = ()  # of a text, each of which may be several claims or none
+
+    @property
+    def texts(self) -> list[str]:
+        """All that was written, piece by piece."""
+        return [*(c.text for c in self.claims), *(line.text for line in self.lines)]
+
+
 def read_claims(
     source: str | os.PathLike[str] | Sequence[str] | Mapping[str, str],
-) -> tuple[Claim, ...]:
-    """Claimed expressions from a file or from texts."""
+) -> WrittenClaims:
+    """Claims from a file or from texts."""
     if isinstance(source, str | os.PathLike):
         return _read_file(Path(source))
     claims = _from_json(
@@ -77,38 +90,24 @@ def read_claims(
     )
     if not claims:
         raise InputError("no base parameters are claimed")
-    return claims
+    return WrittenClaims(claims)
 
 
-def _read_file(file: Path) -> tuple[Claim, ...]:
+def _read_file(file: Path) -> WrittenClaims:
     text = read_document(file)
-    suffix = file.suffix.lower()
-    if suffix == ".json":
-        claims = _from_json(parse_json(text, str(file)), str(file))
-    else:
-        claims = _from_table(text) if suffix in (".csv", ".tsv") else _from_lines(text)
-    if not claims:
+    match file.suffix.lower():
+        case ".json":
+            claims = WrittenClaims(_from_json(parse_json(text, str(file)), str(file)))
+        case ".csv" | ".tsv":
+            claims = WrittenClaims(_from_table(text))
+        case _:
+            claims = WrittenClaims(lines=tuple(lines_of(text)))
+    if not claims.texts:
         raise InputError(
-            "holds no base parameters: expected one expression per line",
+            "holds no base parameters: expected rows such as XX2R = XX2 - YY2",
             source=str(file),
         )
     return claims
-
-
-def _from_lines(text: str) -> tuple[Claim, ...]:
-    claims = []
-    for number, line in enumerate(text.splitlines(), 1):
-        content = _COMMENT.sub("", line).strip().rstrip(";,")
-        named = _NAMED.match(content)
-        if content:
-            claims.append(
-                Claim(
-                    named[2] if named else content,
-                    f"line {number}",
-                    named[1] if named else None,
-                )
-            )
-    return tuple(claims)
 
 
 def _from_table(text: str) -> tuple[Claim, ...]:
@@ -119,7 +118,7 @@ def _from_table(text: str) -> tuple[Claim, ...]:
         (n, [cell.strip() for cell in row])
         for n, row in enumerate(csv.reader(lines, delimiter=delimiter), 1)
     ]
-    rows = [(n, row) for n, row in rows if any(row) and not _COMMENT.match(row[0])]
+    rows = [(n, row) for n, row in rows if any(row) and not COMMENT.match(row[0])]
     if not rows:
         return ()
     titles = [cell.lower() for cell in rows[0][1]]
@@ -251,30 +250,11 @@ Terms = dict[
 ]  # coefficients by parameter; the key "" holds the part without a parameter
 
 _ONE = RationalFunction(1)
-_SIGNS = str.maketrans({"−": "-", "·": "*", "×": "*", "–": "-"})
-_SUPERSCRIPT = re.compile("[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
-_PLAIN_DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
-_NAME = re.compile(r"[^\W\d]\w*")
-_FUNCTIONS = frozenset({"sin", "cos", "sqrt", "pi"})
-
-
-def plain_text(text: str) -> str:
-    """An expression with the signs of formatted output (−, ·, ², √2, ^) in plain characters."""
-    text = _SUPERSCRIPT.sub(
-        lambda found: f"**{found[0].translate(_PLAIN_DIGITS)}", text.translate(_SIGNS)
-    )
-    text = re.sub(r"\b(sin|cos)\*\*(\d+)\(([^()]*)\)", r"\1(\3)**\2", text)
-    return re.sub(r"√(\d)", r"sqrt(\1)", text).replace("^", "**")
-
-
-def names_in(text: str) -> list[str]:
-    """Names that occur in an expression, in order."""
-    return [name for name in _NAME.findall(plain_text(text)) if name not in _FUNCTIONS]
 
 
 @dataclass(frozen=True)
 class LinearReader:
-    """Reads expressions."""
+    """Reads expressions in plain characters, with all products written."""
 
     parameter: Callable[
         [str], str | None
@@ -286,9 +266,8 @@ class LinearReader:
 
     def read(self, text: str) -> dict[str, RationalFunction]:
         """Non-zero coefficients by standard parameter, in the order of the text."""
-        python = plain_text(text).strip()
         try:
-            terms = replace(self, data=python.encode())._terms(expression_tree(python))
+            terms = replace(self, data=text.encode())._terms(expression_tree(text))
         except (SyntaxError, RecursionError):
             raise ValueError(
                 f"'{text}' is not an expression such as XX2 - YY2 + 2*l1*MX3 - 0.0506*M3"
@@ -497,37 +476,27 @@ def _identifiers(model: BaseModel) -> list[list[str]]:
 
 
 def find_naming(
-    texts: Sequence[str], model: BaseModel, wanted: str = AUTO
-) -> tuple[Naming, dict[str, str]]:
-    """The naming that expressions are written in, with its vocabulary."""
+    texts: Sequence[str],
+    model: BaseModel,
+    symbols: Collection[str],
+    wanted: str = AUTO,
+) -> tuple[Naming, Notation, dict[str, str]]:
+    """The naming that formulas are written in, their notation, and its vocabulary."""
     if wanted not in (AUTO, *NAMES):
         raise InputError(
             f"unknown naming '{wanted}' (valid: {', '.join((AUTO, *NAMES))})"
         )
-    candidates = [
-        (n, vocabulary(n, model)) for n in NAMINGS if wanted in (AUTO, n.name)
-    ]
-    return max(
-        candidates,
-        key=lambda candidate: sum(_known(text, candidate[1]) for text in texts),
-    )
+    candidates = []
+    for naming in NAMINGS:
+        if wanted in (AUTO, naming.name):
+            words = vocabulary(naming, model)
+            candidates.append((naming, Notation(words, symbols), words))
 
+    def known(candidate: tuple[Naming, Notation, dict[str, str]]) -> int:
+        _, notation, words = candidate
+        return sum(name in words for text in texts for name in notation.names_in(text))
 
-def _known(text: str, words: Mapping[str, str]) -> int:
-    plain, odd = plain_words(text, words)
-    return sum(name in words or name in odd for name in names_in(plain))
-
-
-def plain_words(text: str, words: Iterable[str]) -> tuple[str, dict[str, str]]:
-    """A text whose words are all identifiers, and for every word that was replaced the original."""
-    # bodies may have names such as `panda-link1`, which an expression would take for a difference
-    odd = sorted(
-        (w for w in words if not w.isidentifier() and w in text), key=len, reverse=True
-    )
-    stands_for = {f"word_{k}_": word for k, word in enumerate(odd)}
-    for placeholder, word in stands_for.items():
-        text = text.replace(word, placeholder)
-    return text, stands_for
+    return max(candidates, key=known)
 
 
 def unknown_token(

@@ -139,6 +139,8 @@ class Audit:
         Rows that were left out on request.
     notes : tuple of str
         What may explain differences.
+    skipped : tuple of Claim
+        Lines of a text that hold no standard parameter but words: they were not compared.
     """
 
     name: str
@@ -149,6 +151,7 @@ class Audit:
     precision: str
     ignored: tuple[Claim, ...] = ()
     notes: tuple[str, ...] = ()
+    skipped: tuple[Claim, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -206,6 +209,7 @@ class Audit:
             ],
             "ignored": [claim.text for claim in self.ignored],
             "notes": list(self.notes),
+            "skipped": [{"where": c.where, "text": c.text} for c in self.skipped],
         }
 
     def to_text(self) -> str:
@@ -265,6 +269,12 @@ def _counts(audit: Audit) -> list[str]:
         lines.append(
             f"ignored: {len(audit.ignored)} rows ({', '.join(claim.text for claim in audit.ignored)})"
         )
+    if audit.skipped:
+        lines.append(f"skipped, as no row: {len(audit.skipped)} lines of text")
+        lines += [
+            shortened(f"  {claim.where}: {claim.text}", ROW_WIDTH)
+            for claim in audit.skipped
+        ]
     return lines + [f"note: {note}" for note in audit.notes]
 
 

@@ -439,6 +439,7 @@ def design_to_json(found: ExcitingTrajectory) -> dict[str, Any]:
     ]
     about = {
         "safe": found.safe,
+        "unchecked": found.unchecked,
         "criterion": found.criterion,
         "condition_numbers": {
             "plain": conditioning.condition,

@@ -15,7 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from echelon.excite.problem.clearance import Clearance, Engine, clearance_of_pairs
-from echelon.excite.problem.shapes import Shape, ShapeKind, bounding_sphere, placed
+from echelon.excite.problem.shapes import (
+    Shape,
+    ShapeKind,
+    bounding_sphere,
+    box_lengths,
+    placed,
+)
 from echelon.robot import GROUND
 from echelon.shared import Flags, Floats, InputError
 
@@ -181,6 +187,5 @@ def _holds(obstacle: Shape) -> str:
         return f"the base is below '{obstacle.name}', whose normal points away from it: {turned}"
     ways = "obstacles are solid, so a crate around the robot is a floor and four walls"
     if obstacle.kind is ShapeKind.BOX:
-        x, y, z = (f"{2 * half:.3g}" for half in obstacle.size)
-        ways += f"; a box is stated by its half lengths, so this one measures {x} × {y} × {z} m"
+        ways += f"; a box is stated by its full lengths, so this one measures {box_lengths(obstacle)}"
     return f"'{obstacle.name}' holds the base: {ways}"

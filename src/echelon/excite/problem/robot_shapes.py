@@ -8,17 +8,18 @@ An entry of a set-up names a body and one shape::
 
     {"body": "link3", "sphere": 0.06, "at": [0, 0, 0.1]}
     {"body": "link3", "capsule": 0.05, "from": [0, 0, 0], "to": [0, 0, 0.4]}
-    {"body": "link2", "box": [0.05, 0.05, 0.2], "at": [0, 0, 0.2], "rpy": [0, 0, 0.3]}
+    {"body": "link2", "box": [0.1, 0.1, 0.4], "at": [0, 0, 0.2], "rpy": [0, 0, 0.3]}
     {"body": "world", "plane": [0, 0, 1], "through": [0, 0, -0.1]}
 
-Lengths are in m, angles in rad, in the frame of the body; boxes have half lengths, ellipsoids semi-axes.
+Lengths are in m, angles in rad, in the frame of the body.  Boxes have full lengths, as in URDF and SDF; ellipsoids have
+semi-axes.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -52,12 +53,19 @@ from echelon.formats import (
     remove_unused,
     rotation_matrix,
 )
-from echelon.robot import GROUND, Mechanism, pseudo_inertia
+from echelon.robot import GROUND, Mechanism
 from echelon.shared import Floats, InputError, extra
 
-THINNEST = 5e-3
-"""Least half length, m, of a box that stands for an inertia: mass points have none."""
 STAND_IN = "add a shape under collisions"  # advice for a shape that cannot be read
+
+
+@dataclass(frozen=True)
+class LostShape:
+    """A shape of a file that cannot be read."""
+
+    link: str
+    body: int  # that carries the link, −1 for the world
+    problem: str  # where and why, and what to do
 
 
 @dataclass(frozen=True)
@@ -68,17 +76,19 @@ class FileShapes:
     excluded: tuple[
         tuple[str, str], ...
     ] = ()  # pairs of links that the file declares not to collide
-    notes: tuple[str, ...] = ()  # what was left out, and why
+    lost: tuple[LostShape, ...] = ()
 
 
-def carrying_bodies(
-    tree: LiteralTree, mechanism: Mechanism
-) -> tuple[tuple[int, Floats], ...]:
+Place = tuple[int, Floats]
+"""The body that carries a link, −1 for the world, and the link's frame in the body's, shape (4, 4)."""
+
+
+def carrying_bodies(tree: LiteralTree, mechanism: Mechanism) -> tuple[Place, ...]:
     """For every link of a file, the body that carries it and the link's frame in the body's, shape (4, 4)."""
     bodies: Mapping[str, int] = {
         body.name: index for index, body in enumerate(mechanism.bodies)
     }
-    found: list[tuple[int, Floats]] = []
+    found: list[Place] = []
     for index, link in enumerate(tree.links):
         if link.name in bodies and not (index == 0 and tree.root_is_world):
             found.append((bodies[link.name], np.eye(4)))
@@ -181,15 +191,9 @@ def urdf_geometry(
     mechanism: Mechanism, file: RobotFile, tolerant: bool = False
 ) -> FileShapes:
     """Shapes of all ``<collision>`` elements; see :func:`read_geometry`."""
-    tree = file.tree(mimics=False)
-    placement = {
-        link.name: where
-        for link, where in zip(
-            tree.links, carrying_bodies(tree, mechanism), strict=True
-        )
-    }
+    placement = link_places(mechanism, file)
     shapes: list[Shape] = []
-    notes: list[str] = []
+    lost: list[LostShape] = []
     for link in file.root.findall("link"):
         name = link.get("name")
         elements = link.findall("collision")
@@ -200,12 +204,12 @@ def urdf_geometry(
             except InputError as error:
                 if not tolerant:
                     raise
-                notes.append(f"left out: {error}")
-    return FileShapes(tuple(shapes), notes=tuple(notes))
+                lost.append(LostShape(name, placement[name][0], str(error)))
+    return FileShapes(tuple(shapes), lost=tuple(lost))
 
 
 def _collision(
-    element: Any, name: str, link: str, place: tuple[int, Floats], file: RobotFile
+    element: Any, name: str, link: str, place: Place, file: RobotFile
 ) -> Shape:
     """A collision element of a link, placed in the frame of the body that carries the link."""
     xml, where, geometry = (
@@ -264,10 +268,6 @@ def mjcf_geometry(
     excluded = tuple(
         (str(pair.bodyname1), str(pair.bodyname2)) for pair in spec.excludes
     )
-    lost = _remove_others(spec, file.directory or Path())
-    if lost and not tolerant:
-        raise InputError(lost[0][1], source=source, element=lost[0][0])
-    model = _compiled(spec, source)
     # bodies have the same order everywhere, but the readers name those without a name
     links = list(
         zip(
@@ -276,8 +276,15 @@ def mjcf_geometry(
             strict=True,
         )
     )
+    lost = []
+    for number, problem in _remove_others(spec, file.directory or Path()):
+        link, (body, _) = links[number]
+        error = InputError(problem, source=source, element=f"geom of body '{link}'")
+        if not tolerant:
+            raise error
+        lost.append(LostShape(link, body, str(error)))
+    model = _compiled(spec, source)
     shapes = []
-    notes = [f"left out: {source}: {element}: {problem}" for element, problem in lost]
     for geom in range(model.ngeom):
         link, (body, place) = links[int(model.geom_bodyid[geom])]
         try:
@@ -285,27 +292,26 @@ def mjcf_geometry(
         except InputError as error:
             if not tolerant:
                 raise error.located(source) from None
-            notes.append(f"left out: {error.located(source)}")
-    return FileShapes(tuple(shapes), excluded, tuple(notes))
+            lost.append(LostShape(link, body, str(error.located(source))))
+    return FileShapes(tuple(shapes), excluded, tuple(lost))
 
 
-def _remove_others(spec: Any, directory: Path) -> list[tuple[str, str]]:
-    """Remove all but geoms that collide and can be read; those that cannot are returned, with what is wrong."""
+def _remove_others(spec: Any, directory: Path) -> list[tuple[int, str]]:
+    """Remove all but geoms that collide and can be read; the bodies of those that cannot, with what is wrong."""
     remove_groups(spec, (*IRRELEVANT, "equalities"))  # some refer to what is taken away
     absent, files = (
         absent_meshes(spec, directory),
         {mesh_name(mesh): mesh.file for mesh in spec.meshes},
     )
     lost = []
-    for geom in list(spec.geoms):
+    owned = [(k, geom) for k, body in enumerate(spec.bodies) for geom in body.geoms]
+    for place, geom in owned:
         problem = "a height field is not convex" if geom.hfieldname else ""
         if geom.meshname in absent:
             problem = f"mesh '{files[geom.meshname]}' not found"
         collides = bool(geom.contype or geom.conaffinity)
         if problem and collides:
-            lost.append(
-                (f"geom of body '{geom.parent.name}'", f"{problem}; {STAND_IN}")
-            )
+            lost.append((place, f"{problem}; {STAND_IN}"))
         if problem or not collides:
             spec.delete(geom)
     remove_unused(spec)
@@ -356,10 +362,17 @@ def _geom(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
     return Shape(name, body, ShapeKind(kind), sizes, placement, link=link)
 
 
+def link_places(mechanism: Mechanism, file: RobotFile) -> dict[str, Place]:
+    """Where the links of a URDF or MJCF file are, by name."""
+    tree = file.tree(mimics=False)
+    places = carrying_bodies(tree, mechanism)
+    return {link.name: place for link, place in zip(tree.links, places, strict=True)}
+
+
 def read_geometry(
     mechanism: Mechanism, file: RobotFile, *, tolerant: bool = False
 ) -> FileShapes:
-    """Collision shapes of a URDF or MJCF file; with ``tolerant``, those that cannot be read are noted."""
+    """Collision shapes of a URDF or MJCF file; with ``tolerant``, those that cannot be read are returned as lost."""
     tag = file.root.tag
     if tag == "robot":
         return urdf_geometry(mechanism, file, tolerant)
@@ -367,33 +380,6 @@ def read_geometry(
         return mjcf_geometry(mechanism, file, tolerant)
     problem = f"the root element is <{tag}>; expected <robot> (URDF) or <mujoco> (MJCF)"
     raise InputError(problem, source=file.source)
-
-
-def inertia_boxes(mechanism: Mechanism, shaped: Collection[int]) -> tuple[Shape, ...]:
-    """Boxes of uniform density with the stated inertias, for bodies that are not among those with shapes."""
-    found = []
-    for index, body in enumerate(mechanism.bodies):
-        if index in shaped or body.inertial is None:
-            continue
-        J = pseudo_inertia(np.array(body.inertial, dtype=float))
-        mass = J[3, 3]
-        if mass <= 0:
-            continue
-        centre = J[:3, 3] / mass
-        variances, axes = np.linalg.eigh(J[:3, :3] / mass - np.outer(centre, centre))
-        # a uniform box of half length a has the variance a²/3
-        half = np.maximum(np.sqrt(3 * np.maximum(variances, 0.0)), THINNEST)
-        axes[:, 0] *= np.linalg.det(axes)
-        found.append(
-            Shape(
-                f"{body.name}:inertia",
-                index,
-                ShapeKind.BOX,
-                tuple(half.tolist()),
-                placed(axes, centre),
-            )
-        )
-    return tuple(found)
 
 
 # -- shapes of a set-up ------------------------------------------------------------------------------------------------
@@ -415,15 +401,18 @@ def entry_shapes(
     entries: Sequence[Mapping[str, Any]],
     directory: Path | None = None,
     refused: Callable[[int, str], InputError] | None = None,
+    links: Mapping[str, Place] | None = None,
 ) -> tuple[Shape, ...]:
     """Shapes of a set-up, whose meshes are looked for from a directory.
 
-    ``refused`` makes an error of the place of an entry and a problem.
+    ``refused`` makes an error of the place of an entry and a problem.  Entries may also name links of the robot's file.
     """
     found = []
     for number, entry in enumerate(entries, start=1):
         try:
-            found.append(_stated(entry, number, mechanism, directory or Path()))
+            found.append(
+                _stated(entry, number, mechanism, directory or Path(), links or {})
+            )
         except InputError as error:
             named = entry.get("name") if hasattr(entry, "get") else None
             problem = error.problem if named is None else f"'{named}': {error.problem}"
@@ -436,11 +425,30 @@ def entry_shapes(
 
 
 def _stated(
-    entry: Mapping[str, Any], number: int, mechanism: Mechanism, directory: Path
+    entry: Mapping[str, Any],
+    number: int,
+    mechanism: Mechanism,
+    directory: Path,
+    links: Mapping[str, Place],
 ) -> Shape:
     """An entry as a shape."""
+    own = _in_its_frame(entry, number, mechanism, directory, links)
+    link = str(entry["body"])
+    if link not in links:
+        return own
+    return replace(own, placement=links[link][1] @ own.placement, link=link)
+
+
+def _in_its_frame(
+    entry: Mapping[str, Any],
+    number: int,
+    mechanism: Mechanism,
+    directory: Path,
+    links: Mapping[str, Place],
+) -> Shape:
+    """An entry as a shape, placed in the frame of the body or link that it names."""
     kind = _kind(entry)
-    body = _body(entry.get("body"), mechanism)
+    body = _body(entry.get("body"), mechanism, links)
     unnamed = (
         f"{kind} {number}" if body == GROUND else f"{entry['body']}:{kind}{number}"
     )
@@ -460,9 +468,10 @@ def _stated(
         return mesh_shape(
             name, body, pose, mesh_vertices(entry["mesh"], directory, scale)
         )
-    return Shape(
-        name, body, kind, tuple(_numbers(entry, kind.value, len(SIZES[kind]))), pose
-    )
+    sizes = _numbers(entry, kind.value, len(SIZES[kind]))
+    if kind is ShapeKind.BOX:
+        sizes = [length / 2 for length in sizes]
+    return Shape(name, body, kind, tuple(sizes), pose)
 
 
 def _kind(entry: Mapping[str, Any]) -> ShapeKind:
@@ -486,16 +495,21 @@ def _kind(entry: Mapping[str, Any]) -> ShapeKind:
     return kinds[0]
 
 
-def _body(name: object, mechanism: Mechanism) -> int:
+def _body(name: object, mechanism: Mechanism, links: Mapping[str, Place]) -> int:
     names = [body.name for body in mechanism.bodies]
-    if name in names or name in WORLD:
-        return names.index(str(name)) if name in names else GROUND
+    if name in names:
+        return names.index(str(name))
+    if name in links:
+        return links[str(name)][0]
+    if name in WORLD:
+        return GROUND
     problem = (
         f"there is no body '{name}'"
         if name is not None
         else "it does not name its body"
     )
-    raise InputError(f"{problem} (valid: {', '.join((*names, WORLD[0]))})")
+    valid = dict.fromkeys((*names, *links, WORLD[0]))
+    raise InputError(f"{problem} (valid: {', '.join(valid)})")
 
 
 def _between(entry: Mapping[str, Any], name: str, body: int, kind: ShapeKind) -> Shape:

@@ -108,6 +108,15 @@ class Shape:
         return InputError(problem, element=f"shape '{self.name}'")
 
 
+def box_lengths(box: Shape) -> str:
+    """Full lengths of a box, in words.
+
+    >>> box_lengths(Shape("table", GROUND, ShapeKind.BOX, (0.6, 0.4, 0.02), np.eye(4)))
+    '1.2 × 0.8 × 0.04 m'
+    """
+    return f"{' × '.join(f'{2 * half:.3g}' for half in box.size)} m"
+
+
 def placed(rotation: npt.ArrayLike, translation: npt.ArrayLike) -> Floats:
     """A placement as a 4 × 4 matrix."""
     matrix = np.eye(4)

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from math import inf, isfinite, pi
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,13 +26,6 @@ from echelon.excite.problem.closed_loops import (
     passive_motions,
 )
 from echelon.excite.problem.prior_model import identified_efforts, prior_efforts
-from echelon.excite.problem.robot_shapes import (
-    STAND_IN,
-    entry_shapes,
-    inertia_boxes,
-    read_geometry,
-)
-from echelon.excite.problem.shapes import Shape
 from echelon.excite.problem.state_limits import (
     ORDERS,
     EffortLimit,
@@ -44,6 +35,7 @@ from echelon.excite.problem.state_limits import (
     effort_limits,
     point_limits,
 )
+from echelon.excite.problem.task_shapes import task_shapes
 from echelon.formats import (
     EVERY,
     NO_LIMIT,
@@ -323,7 +315,6 @@ def _drives(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Floats]:
 
 # -- the task ----------------------------------------------------------------------------------------------------------
 
-UNCHECKED = "collisions are not checked"  # how the finding begins
 SMOOTH_SPEED = 0.02
 """Share of the smallest speed limit within which dry friction changes its sign gradually."""
 
@@ -341,6 +332,7 @@ class Task:
     weights: Floats  # shape (m,); 1/σ² of each output's noise
     smooth: float  # velocity within which dry friction changes sign gradually while a solver is at work, rad/s or m/s
     findings: tuple[Finding, ...]
+    unchecked: tuple[str, ...]  # what no limit says anything about, in sentences
 
     @property
     def mechanism(self) -> Mechanism:
@@ -378,7 +370,10 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
         smooth = SMOOTH_SPEED * min(
             [limit.high for limit in limits.motion if limit.order == 1], default=1.0
         )
-        constraints = _constraints(setup, entry, mechanism, limits, smooth, findings)
+        unchecked: list[str] = []
+        constraints = _constraints(
+            setup, entry, mechanism, limits, smooth, findings, unchecked
+        )
         weights = _weights(setup, entry, base)
         return Task(
             setup,
@@ -390,6 +385,7 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
             weights,
             smooth,
             tuple(findings),
+            tuple(unchecked),
         )
 
 
@@ -447,6 +443,7 @@ def _constraints(
     limits: ResolvedLimits,
     smooth: float,
     findings: list[Finding],
+    unchecked: list[str],
 ) -> tuple[StateConstraint, ...]:
     """Limits of torques, points and distances; one constraint of all of them where there are loops."""
     model = None
@@ -463,7 +460,7 @@ def _constraints(
     points = [limit for frame in entry.frames for limit in _point_limits(frame)]
     if points:
         found.append(point_limits(mechanism, points))
-    clearance = _clearance(setup, entry, mechanism, limits, findings)
+    clearance = _clearance(setup, entry, mechanism, limits, findings, unchecked)
     found += [] if clearance is None else [clearance]
     if model is not None:
         found.insert(
@@ -482,79 +479,46 @@ def _clearance(
     mechanism: Mechanism,
     limits: ResolvedLimits,
     findings: list[Finding],
+    unchecked: list[str],
 ) -> Clearance | None:
     """Distances between bodies, and to obstacles, as far as the robot can keep them."""
     if "collisions" not in entry.model_fields_set:
-        text = f"{UNCHECKED}: state the section collisions, with obstacles and shapes"
+        text = "collisions are not checked: state the section collisions, with obstacles and shapes"
         findings.append(warning("collisions", setup.source, text))
+        unchecked.append("collisions were not checked")
         return None
     section = entry.collisions
-    shapes, excluded = _shapes(setup, entry, mechanism, findings)
+    shapes = task_shapes(setup, entry, mechanism)
+    findings += shapes.findings
+    if shapes.shapeless:
+        names = listed(shapes.shapeless)
+        unchecked.append(f"links without shapes were not checked: {names}")
     pure = replace(mechanism)  # without how the file was read
-    clearance = clearance_of(pure, shapes, section.clearance, excluded)
+    clearance = clearance_of(pure, shapes.shapes, section.clearance, shapes.excluded)
     motion = loop_motion(mechanism)
     lowered: list[str] = []
-    unchecked: list[str] = []
+    left_out: list[str] = []
     if section.ignore_touching:
         each = zip(mechanism.independent_velocities, limits.middle, strict=True)
         start = np.array([entry.centre.get(name, middle) for name, middle in each])
         pose = motion.positioned(start[None]).q[0] if motion else start
         found = without_touching(clearance, pose)
         clearance = found.clearance
-        unchecked += found.unchecked
+        left_out += found.unchecked
     if len(clearance.pairs):
         found = allowances_of(clearance, _random_poses(limits, motion, entry.seed))
         clearance = found.clearance
         lowered += found.lowered
-        unchecked += found.unchecked
+        left_out += found.unchecked
     findings += [note("collisions", setup.source, text) for text in lowered]
-    findings += [warning("collisions", setup.source, text) for text in unchecked]
+    findings += [warning("collisions", setup.source, text) for text in left_out]
+    if left_out:
+        number = len(left_out)
+        pairs = (
+            "a pair of shapes was" if number == 1 else f"{number} pairs of shapes were"
+        )
+        unchecked.append(f"{pairs} not checked")
     return clearance
-
-
-def _shapes(
-    setup: Setup,
-    entry: ExcitationEntry,
-    mechanism: Mechanism,
-    findings: list[Finding],
-) -> tuple[list[Shape], list[tuple[str, str]]]:
-    """Shapes of the robot and of obstacles, and pairs of bodies that are not checked."""
-    section, file = entry.collisions, setup.robot_file
-    folder = Path(setup.source).parent
-
-    def stated(key: str, entries: Sequence[Mapping[str, Any]]) -> tuple[Shape, ...]:
-        def refused(place: int, problem: str) -> InputError:
-            return setup.error(f"excitation.collisions.{key}[{place}]", problem)
-
-        return entry_shapes(mechanism, entries, folder, refused)
-
-    shapes, excluded = list(stated("shapes", section.shapes)), list(section.exclude)
-    if file is not None and not file.is_description:
-        # shapes that the set-up states stand in for those of the file that cannot be read
-        geometry = read_geometry(mechanism, file, tolerant=True)
-        if geometry.notes and not shapes and section.unreadable == "refuse":
-            raise InputError(_unreadable(geometry.notes), element="collisions")
-        shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
-        if geometry.notes and section.unreadable == "boxes":
-            shapes += inertia_boxes(mechanism, {shape.body for shape in shapes})
-            text = "boxes of the inertias replace unreadable links: the distances are those of the boxes"
-            findings.append(warning("collisions", setup.source, text))
-        findings += [note("collisions", setup.source, text) for text in geometry.notes]
-    around = stated(
-        "obstacles", [{"body": "world", **obstacle} for obstacle in section.obstacles]
-    )
-    shapes += [replace(shape, obstacle=True) for shape in around]
-    if not section.self:
-        excluded += combinations([body.name for body in mechanism.bodies], 2)
-    return shapes, excluded
-
-
-def _unreadable(notes: Sequence[str]) -> str:
-    """A sentence about shapes of a file that cannot be read, with the ways out."""
-    first = notes[0].removeprefix("left out: ").removesuffix(f"; {STAND_IN}")
-    others = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
-    ways = "unreadable: boxes (boxes of the inertias replace the links), or none (not checked)"
-    return f"{first}{others}; convert meshes of other formats, add shapes under collisions, or write there {ways}"
 
 
 def _random_poses(

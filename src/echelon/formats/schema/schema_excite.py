@@ -234,14 +234,14 @@ class CollisionsEntry(Model):
     shapes: tuple[Shape, ...] = optional(
         (),
         "Shapes of bodies in their frames, beside those of the robot file: sphere, capsule or cylinder "
-        "(radius), box or ellipsoid (half lengths), mesh (file).",
+        "(radius), box (full lengths), ellipsoid (semi-axes), mesh (file).",
         [{"body": "link3", "capsule": 0.06, "from": [0, 0, 0], "to": [0, 0, 0.3]}],
     )
     obstacles: tuple[Shape, ...] = optional(
         (),
         "Shapes that do not move, in the base frame; a plane's normal points to the robot's side.",
         [
-            {"name": "table", "box": [1, 1, 0.1], "at": [0, 0, -0.1]},
+            {"name": "table", "box": [2, 2, 0.2], "at": [0, 0, -0.1]},
             {"plane": [0, 0, 1]},
         ],
     )

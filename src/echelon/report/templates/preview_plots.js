@@ -63,17 +63,22 @@
       xaxis: axis("time / s", { range: [0, motion.duration * 1.01] }), yaxis: axis("condition number", { type: "log", dtick: 1 }), hovermode: "closest",
     })];
   }
-  function distancePlot() {
-    const { time, distance, nearest } = data.distance;
-    const shown = line("smallest distance", page.floats(time), page.floats(distance), preview.colours().accent, { text: nearest, hovertemplate: "%{y:.4f} m<br>%{text}" });
-    return [[shown], layout(260, { xaxis: axis("time / s", { range: [0, motion.duration] }), yaxis: axis("distance / m", { rangemode: "tozero" }), hovermode: "closest" })];
+  function distancesPlot(node) {
+    const time = page.floats(data.distances.time), pairs = data.distances.groups[node.dataset.group], c = preview.colours();
+    const lines = pairs.map((pair, k) => line(plain(pair.name), time, page.floats(pair.distance), preview.colour(k), { hovertemplate: "%{y:.3f} m", connectgaps: false }));
+    const lows = [...new Set(pairs.map((pair) => pair.low))];
+    const rows = Math.ceil(pairs.length / Math.max(Math.floor((node.clientWidth || 700) / 270), 1));
+    return [lines, layout(250 + 20 * rows, {
+      xaxis: axis("time / s", { range: [0, motion.duration] }), yaxis: axis("distance / m", { rangemode: "tozero" }), showlegend: true,
+      hovermode: "closest", shapes: lows.map((low) => dashed(0, low, c.limit)),
+    })];
   }
   function startsPlot() {
     const lines = data.starts.filter((start) => start.history.length).map((start, k) =>
       line("start " + start.number, start.history.map((_, i) => i + 1), start.history, preview.colour(k), { line: { color: preview.colour(k), width: 1.6, shape: "hv" }, hovertemplate: "%{y:.5g}" }));
     return [lines, layout(280, { xaxis: axis("number of the improvement"), yaxis: axis("best criterion so far"), showlegend: lines.length > 1 })];
   }
-  const kinds = { motion: motionPlot, conditioning: conditioningPlot, distance: distancePlot, starts: startsPlot };
+  const kinds = { motion: motionPlot, conditioning: conditioningPlot, distances: distancesPlot, starts: startsPlot };
   function draw(node) {
     const kind = node.dataset.plot;
     if (kind === "conditioning" && !data.conditioning.time.length) {
@@ -81,7 +86,7 @@
       node.textContent = "At no time are all base parameters seen.";
       return;
     }
-    const [lines, shape] = kinds[kind]();
+    const [lines, shape] = kinds[kind](node);
     const fresh = !node.classList.contains("js-plotly-plot");
     Plotly.react(node, lines, shape, page.options(kind === "motion"));
     if (kind !== "motion") return;

@@ -5,7 +5,7 @@
   const pen = canvas.getContext("2d");
   const byId = (id) => document.getElementById(id);
   const count = robot.bodies.length, width = robot.coordinates.length;
-  const all = { origins: page.floats(robot.origins), axes: page.floats(robot.axes), tips: page.floats(robot.tips) };
+  const all = { origins: page.floats(robot.origins), axes: page.floats(robot.axes), tips: page.floats(robot.tips), turned: page.floats(robot.turned) };
   const states = { q: page.floats(robot.q), qd: page.floats(robot.qd) };
 
   // -- vectors -------------------------------------------------------------------------------------------------
@@ -33,7 +33,7 @@
     return Array.from({ length: n }, (_, i) => flat.slice(3 * i, 3 * i + 3));
   };
   const tipCount = robot.bodies.filter((body) => body.last !== null).length;
-  const picture = (time) => ({ origins: points(all.origins, count, time), axes: points(all.axes, count, time), tips: points(all.tips, tipCount, time) });
+  const picture = (time) => ({ origins: points(all.origins, count, time), axes: points(all.axes, count, time), tips: points(all.tips, tipCount, time), turned: points(all.turned, 2 * robot.shapes.length, time) });
 
   // -- what there is to be seen --------------------------------------------------------------------------------
   const low = [0, 0, 0], high = [0, 0, 0];
@@ -121,6 +121,16 @@
       pen.fillStyle = c.limit; pen.fillText(one.name, at.x + 4, at.y - 4);
     });
   }
+  function shapes(c, now) {
+    pen.globalAlpha = 0.8;
+    robot.shapes.forEach((one, k) => {
+      const origin = one.body < 0 ? [0, 0, 0] : now.origins[one.body];
+      const x = now.turned[2 * k], y = now.turned[2 * k + 1], z = cross(x, y);
+      const at = (p) => add(add(add(origin, x, p[0]), y, p[1]), z, p[2]);
+      one.curves.forEach((some) => curve(some.map(at), c.hull, 1));
+    });
+    pen.globalAlpha = 1;
+  }
   function baseAxes(c) {
     [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach((axis, k) => {
       const end = look.place(times(axis, 0.22 * reach));
@@ -204,6 +214,7 @@
     if (byId("show-ghosts").checked) ghosts(c);
     if (byId("show-path").checked) paths.forEach((path) => curve(path, c.path, 1.3));
     body3d(c, now);
+    if (byId("show-shapes")?.checked) shapes(c, now);
     if (byId("show-path").checked) {
       robot.bodies.forEach((body, i) => {
         if (body.last === null) return;
@@ -300,7 +311,7 @@
     if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault(); keys[event.key]();
   });
-  ["show-path", "show-names", "show-ghosts"].forEach((id) => byId(id).addEventListener("change", later));
+  ["show-path", "show-names", "show-ghosts", "show-shapes"].forEach((id) => byId(id)?.addEventListener("change", later));
   new ResizeObserver(later).observe(canvas);
   page.looks.push(draw);
   preview.setTime(0);
