@@ -31,6 +31,7 @@ from echelon.identification.logs.columns.magnitudes import clock_unit
 from echelon.identification.logs.faults.examine import examine
 from echelon.identification.logs.faults.locked_joints import check_locked
 from echelon.identification.logs.faults.lost_rows import with_lost_rows
+from echelon.identification.logs.faults.mixed_rows import check_not_mixed
 from echelon.identification.logs.faults.plausibility import (
     check_plausible,
     surplus_columns,
@@ -90,6 +91,7 @@ def read_log(
         findings += _left_out(table)
         check_locked(table, chosen.locked)
         recorded, lost = with_lost_rows(recording(table, chosen, mechanism))
+        check_not_mixed(recorded)
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole, named=named)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)

@@ -28,7 +28,7 @@ from echelon.identification.logs.files.log_file import LogFile, Table
 from echelon.identification.logs.files.numpy_file import MemoryLog
 from echelon.identification.logs.files.open_log import log_paths
 from echelon.identification.logs.finding import listed
-from echelon.identification.logs.long_log import LongLog
+from echelon.identification.logs.long_log import LongLog, rows_of_one_time
 from echelon.identification.logs.read_log import (
     first_table,
     map_of,
@@ -240,6 +240,8 @@ def understood(
         if unread and (found.problems or lacks_outputs)
         else ()
     )
+    repeated = rows_of_one_time(look()) if problems else ""
+    problems += (repeated,) if repeated else ()
     columns, geared = _with_gears(found.columns, drives, vectors)
     side_by_side = file.notes if isinstance(file, LongLog) else ()
     notes = [*side_by_side, *found.notes, *geared]
