@@ -138,6 +138,32 @@ def test_rounded_decimals_are_no_difference() -> None:
     assert found
     assert 0 < max(o.total.attained for o in found.outputs) < 1e-2
     assert not ec.compare(text, short, tolerance=1e-9)
+    assert found.rounded > 0
+    assert not found.cancelled
+    assert "equal in all outputs, with differences below the files' last" in str(found)
+
+
+@pytest.mark.parametrize(("units", "code"), [(0, 0), (1, 0), (2000, 1)])
+def test_differences_below_the_last_decimals_are_called_so(
+    units: int, code: int, tmp_path: Path
+) -> None:
+    """Centres of mass with seven decimals, each up by some units of the last one."""
+
+    def moved(match: re.Match[str]) -> str:
+        shifted = (f"{float(x) + 1e-7 * units:.10f}" for x in match[2].split())
+        return match[1] + " ".join(shifted)
+
+    other = re.sub(r'(<inertial>\s*<origin xyz=")([^"]+)', moved, ARM)
+    found = ec.compare(ARM, other)
+    said = "below the files' last decimals"
+    assert (said in found.heading()[0]) == (units == 1)
+    assert bool(found.rounded) == (units > 0)
+    assert not found.cancelled
+    (tmp_path / "a.urdf").write_text(ARM)
+    (tmp_path / "b.urdf").write_text(other)
+    ended = run("compare", "a.urdf", "b.urdf", cwd=tmp_path)
+    assert ended.returncode == code, ended.stderr
+    assert (said in ended.stdout) == (units > 0)
 
 
 def test_mass_moved_between_links_shows_where_it_matters() -> None:

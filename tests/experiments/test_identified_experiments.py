@@ -177,7 +177,11 @@ def test_experiments_that_contradict_one_another_are_named(
     name = fault.split(",")[0]
     lines = [fault if name in line else line for line in SETUP.splitlines()]
     (folder / "wrong.yaml").write_text("\n".join(lines))
-    logs = [folder / f"{log}.csv" for log in ("table", "run2_wall", "held-1")]
+    # a log with the position of the locked joint would be refused
+    columns = log(TABLE, 3, held={1: 0.7})
+    del columns["q_2"]
+    write(columns, folder / "held-2.csv")
+    logs = [folder / f"{name}.csv" for name in ("table", "run2_wall", "held-2")]
     result = ec.identify(folder / "wrong.yaml", logs)
     said = f"logs of '{experiment}' contradict those of other experiments"
     assert any(said in reason for reason in result.reasons)

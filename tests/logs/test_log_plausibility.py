@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,11 @@ from echelon.identification.logs.faults.plausibility import (
     check_plausible,
     surplus_columns,
 )
+from echelon.identification.logs.files.log_file import LogFile
+from echelon.identification.logs.files.numpy_file import MemoryLog
+from echelon.identification.logs.files.open_log import open_log
 from echelon.identification.logs.recording import Recording
+from echelon.robot import lock_joints
 from support.column_maps import channels
 from support.faulty_logs import ARM, RATE, changed, clean
 
@@ -144,11 +148,28 @@ def test_torques_beyond_every_robot_and_beyond_this_one() -> None:
 def test_a_log_with_more_joints() -> None:
     used = ColumnMap(positions={f"j{n}": Channel(f"q_rad_{n}") for n in range(1, 7)})
     names = ["t_s", *(f"q_rad_{n}" for n in range(1, 8)), "tau_1"]
-    (found,) = surplus_columns(used, names, ARM)
+    (found,) = surplus_columns(used, _log(names), ARM)
     assert "'q_rad_7' beside the 6 columns" in found.text
-    assert not surplus_columns(used, names[:7], ARM)
+    assert not surplus_columns(used, _log(names[:7]), ARM)
     # columns without names: those of other quantities, mapped or not, are no joints
     numbered = ColumnMap(
         positions=channels("{n}", ["a", "b"]), outputs=channels("{n}0", ["a", "b"])
     )
-    assert not surplus_columns(numbered, [str(k) for k in range(12)], ARM)
+    assert not surplus_columns(numbered, _log([str(k) for k in range(12)]), ARM)
+
+
+def test_a_joint_that_the_robot_has_locked_moves_in_the_log() -> None:
+    used = ColumnMap(positions=channels("q_{n}", ["j2", "j3"]))
+    held = lock_joints(ARM, {"j1": 0.0})
+    names = ["t", "q_1", "q_2", "q_3"]
+    (found,) = surplus_columns(used, _log(names, moving="q_3"), held)
+    assert "'q_3' beside the 2 columns that are used: they move" in found.text
+    assert not surplus_columns(used, _log(names, moving="q_1"), held)
+
+
+def _log(names: Sequence[str], moving: str = "") -> LogFile:
+    """A log of joints that rest, but for one."""
+    columns = {n: np.full(5, 0.3) for n in names}
+    if moving:
+        columns[moving] = np.linspace(0, 1, 5)
+    return open_log(MemoryLog.of(columns))

@@ -139,6 +139,7 @@ def compare(
         pairs.differences,
         _size(pairs.moves[GROUND], characteristic_length(one) * _ALIGNED),
         base.rank,
+        int(inertial.rounded.sum()),
         tuple(_base_differences(base, inertial, x.max(axis=0, initial=0.0))),
         inertial.parameters(),
         tuple(tuple(one.bodies[k].name for k in group) for group in inertial.cancelled),

@@ -76,12 +76,13 @@ class InertialDifference:
         self.first = self._stated(self.one)
         self.second = self._stated(two)
         count = len(self.first)
-        self.standard, self.noise = np.zeros(count), np.zeros(count)
+        self.standard = np.zeros(count)
+        # errors by rounding: of the files and of computing, and of computing alone
+        self.noise, self.computed = np.zeros(count), np.zeros(count)
         self.complete = (
             True  # whether the first robot has a column for every difference
         )
         self._halves = _half_units(one) + _half_units(two)
-        self._share = COMPUTED + pairs.deviation
         self._length = characteristic_length(one)
         for i, j in [(GROUND, GROUND), *pairs.pairs]:
             self._compare_bodies(i, j)
@@ -91,6 +92,9 @@ class InertialDifference:
         self.base = self.matrix @ self.standard
         self.noise_of_base = np.abs(self.matrix) @ self.noise
         self.apart = np.abs(self.base) > self.noise_of_base
+        # base parameters that differ by no more than the last decimals of the files explain
+        computed = np.abs(self.matrix) @ self.computed
+        self.rounded = (np.abs(self.base) > computed) & ~self.apart
 
     def _stated(self, robot: Mechanism) -> Floats:
         """Standard parameters, zero where a file is silent, which is noted."""
@@ -122,11 +126,14 @@ class InertialDifference:
         ours = self._gathered(one, pose, i, back)
         place = back @ np.linalg.inv(self.pairs.moves[i])
         theirs = self._gathered(self.two, self.pairs.second, j, place)
-        noise = self._noise(ours) + COMPUTED * np.abs(theirs)
+        computed = self._noise(ours, np.zeros(3), COMPUTED) + COMPUTED * np.abs(theirs)
+        share = COMPUTED + self.pairs.deviation
+        noise = self._noise(ours, self._halves, share) + COMPUTED * np.abs(theirs)
         if hosts:
             start = one.first_column[hosts[0]]
             self.standard[start : start + PER_BODY] = ours - theirs
             self.noise[start : start + PER_BODY] = noise
+            self.computed[start : start + PER_BODY] = computed
         elif (np.abs(ours - theirs) > noise).any():
             self.complete = False
             name = pose.motions[i].name if i != GROUND else "the base"
@@ -147,10 +154,9 @@ class InertialDifference:
                 total += move(values, place @ pose.frames[k])
         return total
 
-    def _noise(self, values: Floats) -> Floats:
-        """Errors of ten values by rounding: of the last decimals of both files, and of computing with them."""
-        mass, centre, moment = self._halves
-        share, length = self._share, self._length
+    def _noise(self, values: Floats, halves: Floats, share: float) -> Floats:
+        """Errors of ten values by rounding: of the last decimals of both files, and of a ``share`` of lengths."""
+        (mass, centre, moment), length = halves, self._length
         weight = abs(values[-1])
         arm = float(np.linalg.norm(values[6:9])) / (weight or 1.0)
         reach = arm + length
@@ -169,6 +175,7 @@ class InertialDifference:
             value = theirs.pop(effect.actions, 0.0)  # of several alike, the first
             self.standard[column] = self.first[column] - value
             self.noise[column] = COMPUTED * abs(self.first[column])
+            self.computed[column] = self.noise[column]
 
     @cached_property
     def cancelled(self) -> tuple[tuple[int, ...], ...]:
@@ -182,21 +189,30 @@ class InertialDifference:
         for size in range(1, _MOST_TOGETHER + 1):
             for group in combinations(list(shown), size):
                 left = all(k in shown for k in group)
-                if left and self._is_noise(np.sum([shown[k] for k in group], axis=0)):
+                if left and self._is_noise(
+                    group, np.sum([shown[k] for k in group], axis=0)
+                ):
                     found.append(group)
                     for k in group:
                         del shown[k]
         return tuple(found)
 
-    def _is_noise(self, base: Floats) -> bool:
-        return bool((np.abs(base) <= self.noise_of_base).all())
+    def _is_noise(self, group: tuple[int, ...], base: Floats) -> bool:
+        """Whether a difference of base parameters by some bodies is one of rounding of their own values."""
+        starts = [self.one.first_column[k] for k in group]
+        own = np.concatenate([np.arange(start, start + PER_BODY) for start in starts])
+        noise = np.abs(self.matrix[:, own]) @ self.noise[own]
+        return bool((np.abs(base) <= noise).all())
 
     def parameters(self) -> tuple[ParameterDifference, ...]:
         """Standard parameters that differ by more than rounding."""
-        shown = (self.matrix[self.apart] != 0).any(axis=0)
+        shown, rounded = (
+            (self.matrix[some] != 0).any(axis=0) for some in (self.apart, self.rounded)
+        )
         for k in (k for group in self.cancelled for k in group):
             start = self.one.first_column[k]
             shown[start : start + PER_BODY] = False
+            rounded[start : start + PER_BODY] = False
         return tuple(
             ParameterDifference(
                 column.name,
@@ -205,6 +221,7 @@ class InertialDifference:
                 float(self.first[k]),
                 float(self.first[k] - self.standard[k]),
                 bool(shown[k]),
+                bool(rounded[k] and not shown[k]),
             )
             for k, column in enumerate(self.one.columns)
             if self.differs[k]

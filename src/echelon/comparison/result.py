@@ -14,6 +14,7 @@ from echelon.shared import one_line, public, published_schema, schema_of, shorte
 SCHEMA_NAME = "echelon.comparison/1"
 _LISTED, _LONGEST = 8, 100
 """Differences of one kind that the text lists, and characters of an expression; an object and JSON have all."""
+_BELOW = "below the files' last decimals"
 
 
 @public
@@ -35,6 +36,8 @@ class ParameterDifference:
     first: float
     second: float
     visible: bool  # whether a base parameter that differs depends on it
+    # whether outputs show it by no more than the last decimals of the files explain
+    rounded: bool
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,8 @@ class Comparison:
         Translation (m) and turn (rad) between the base frames in which the axes agree.
     rank : int
         Base parameters of the first robot.
+    rounded : int
+        Base parameters that differ, but by no more than the last decimals of the files explain.
     base : tuple of BaseDifference
         Visible differences, in base parameters of the first robot.
     parameters : tuple of ParameterDifference
@@ -114,6 +119,7 @@ class Comparison:
     geometry: tuple[GeometryDifference, ...]
     moved: tuple[float, float]
     rank: int
+    rounded: int
     base: tuple[BaseDifference, ...]
     parameters: tuple[ParameterDifference, ...]
     cancelled: tuple[tuple[str, ...], ...]
@@ -125,7 +131,8 @@ class Comparison:
     @property
     def invisible(self) -> tuple[ParameterDifference, ...]:
         """Differences of standard parameters that no output shows."""
-        return tuple(found for found in self.parameters if not found.visible)
+        hidden = (p for p in self.parameters if not (p.visible or p.rounded))
+        return tuple(hidden)
 
     def __bool__(self) -> bool:
         return self.verdict is Equality.EQUAL
@@ -168,6 +175,8 @@ class Comparison:
             Equality.DIFFERENT: "different",
             Equality.UNDECIDED: "no difference found, but the bounds do not exclude one",
         }[self.verdict]
+        if self.rounded and self.verdict is Equality.EQUAL:
+            seen += f", with differences {_BELOW}"
         renamed = [f"{one} = {other}" for one, other in self.matched if one != other]
         lines = [f"{self.first} and {self.second}: {seen}"]
         lines.append(
@@ -179,7 +188,8 @@ class Comparison:
                 f"base frames: {self.moved[0]:.6g} m and {self.moved[1]:.6g} rad apart, which moves no joint"
             )
         lines += _shown("geometry", self.geometry) or ["geometry: the same"]
-        lines.append(f"base parameters: {len(self.base)} of {self.rank} differ")
+        more = f", {self.rounded} more {_BELOW}" if self.rounded else ""
+        lines.append(f"base parameters: {len(self.base)} of {self.rank} differ{more}")
         # many differences of one kind would hide all of the other
         lines += _in_one_line([found for found in self.base if not found.body])
         inertial = (found for found in self.base if found.body)
@@ -189,6 +199,8 @@ class Comparison:
         cancelled = {body for bodies in self.cancelled for body in bodies}
         alone = (p for p in self.invisible if p.body not in cancelled)
         lines += _shown("  invisible", map(_stated, alone))
+        below = (p for p in self.parameters if p.rounded)
+        lines += _shown(f"  {_BELOW}", map(_stated, below))
         return lines
 
     def table(self) -> list[tuple[str, ...]]:

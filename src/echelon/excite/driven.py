@@ -22,12 +22,19 @@ from echelon.algebra import DEFAULT_SEED, random_generator
 from echelon.base import BaseModel, base_of
 from echelon.dynamics import STATE
 from echelon.excite.files.samples import (
+    PREFIXES,
     TIME,
     MotionSamples,
     interpolated,
     position_columns,
 )
-from echelon.identification import open_log, read_table
+from echelon.identification import (
+    Channel,
+    Locked,
+    check_locked,
+    open_log,
+    read_table,
+)
 from echelon.robot import (
     Experiment,
     Mechanism,
@@ -352,12 +359,20 @@ def _logged(mechanism: Mechanism, path: str | os.PathLike[str]) -> _Driven:
             source=os.fspath(path),
         )
     read = columns if whole else columns[:1]
-    table = read_table(path, [TIME, *chain.from_iterable(read)]).columns
-    found = [np.column_stack([table[name] for name in some]) for some in read]
+    locked = {
+        name: Locked(Channel(column), at)
+        for name, at in mechanism.locked.items()
+        for column in (f"{PREFIXES[0]}_{name}", name)
+        if column in names
+    }
+    resting = [one.position.column for one in locked.values()]
+    table = read_table(path, [TIME, *chain.from_iterable(read), *resting])
+    check_locked(table, locked)
+    found = [np.column_stack([table.columns[name] for name in some]) for some in read]
     steps = tuple(_last_step(part) for part in found)
     if whole:
         return _Driven(tuple(found), steps)
-    samples = MotionSamples(coordinates, table[TIME], (found[0], None, None))
+    samples = MotionSamples(coordinates, table.columns[TIME], (found[0], None, None))
     return _Driven(_along_spline(samples), (steps[0], 0.0, 0.0), samples)
 
 

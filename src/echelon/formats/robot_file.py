@@ -185,23 +185,22 @@ class RobotFile:
         literal: Collection[str] = (),
         *,
         alone: bool = False,
+        free: bool = False,
     ) -> Mechanism:
         """The robot; the numbers of the literal elements are taken as they stand.
 
-        Of a description with experiments it is all of them, or with ``alone`` the robot of each.
+        Of a description with experiments it is all of them, or with ``alone`` the robot of each; with ``free`` nothing
+        of it is locked.
         """
         options = ReadingOptions() if options is None else options
         if new := [name for name in options.ignore if name not in self.ignored]:
             return replace(self, ignored=(*self.ignored, *new)).mechanism(
-                options, literal, alone=alone
+                options, literal, alone=alone, free=free
             )
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
-        locked = {
-            **(self.description.locked if self.is_description else {}),
-            **options.locked,
-        }
-        if locked:
+        locked = self.locked(options)
+        if locked and not free:
             with locating(self.source):
                 mechanism = lock_joints(mechanism, locked)
         tree = (
@@ -232,6 +231,11 @@ class RobotFile:
         return mechanism.as_read(
             Reading(built.snaps, notes, self, options, couples, built.driven)
         )
+
+    def locked(self, options: ReadingOptions) -> dict[str, float]:
+        """Joints that do not move, and where they stand, rad or m."""
+        stated = self.description.locked if self.is_description else {}
+        return {**stated, **options.locked}
 
     def experiments(self, robot: Mechanism, chosen: str = "") -> tuple[Experiment, ...]:
         """The experiments that a description makes with a robot, or one of them; none where it states them as trees."""

@@ -7,6 +7,11 @@ from echelon.identification.fit_findings import limited as limited
 from echelon.identification.identifying import identify as identify
 from echelon.identification.judge.judge import Judged as Judged
 from echelon.identification.judging import explained_rate as explained_rate
+from echelon.identification.logs.columns.column_map import Channel as Channel
+from echelon.identification.logs.columns.column_map import Locked as Locked
+from echelon.identification.logs.faults.locked_joints import (
+    check_locked as check_locked,
+)
 from echelon.identification.logs.files.log_file import Table as Table
 from echelon.identification.logs.files.log_file import decoding as decoding
 from echelon.identification.logs.files.log_file import existing_file as existing_file

@@ -42,7 +42,7 @@ def contradictions(
         facts.append(
             f"its parameters are unphysical: the nearest physical robot is {away}"
         )
-    told = ("contradiction", "rates") if measured else ("contradiction",)
+    told = ("contradiction", "currents", *(("rates",) if measured else ()))
     facts += [str(finding) for finding in findings if finding.kind in told]
     return facts
 

@@ -329,10 +329,13 @@ def _stacked(experiments: Sequence[Experiment]) -> Mechanism:
         independent=tuple(n for tree in trees for n in tree.independent())
         if any(m.closures for m in mechanisms)
         else (),
-        assembly={n: at for tree in trees for n, at in tree.assembly().items()},
+        assembly={
+            n: at for tree in trees for n, at in tree.positions("assembly").items()
+        },
         rounding=max(m.rounding for m in mechanisms),
         contacts=tuple(c for tree in trees for c in tree.contacts()),
         experiments=() if alone else tuple(e.name for e in experiments),
+        locked={n: at for tree in trees for n, at in tree.positions("locked").items()},
     )
 
 
@@ -413,9 +416,10 @@ class _Branch:
             None if self.mechanism.measured is None else tuple(self.outputs()),
             tuple(self.closures()),
             tuple(self.independent()) if self.mechanism.independent else (),
-            self.assembly(),
+            self.positions("assembly"),
             self.mechanism.rounding,
             tuple(self.contacts()),
+            locked=self.positions("locked"),
         )
 
     def bodies(self, chosen: Iterable[int], ground: int) -> Iterator[Body]:
@@ -499,9 +503,10 @@ class _Branch:
             if name is not None:
                 yield name
 
-    def assembly(self) -> dict[str, float]:
-        """The assembly pose of coordinates that have a name."""
-        found = {self.renamed(n): at for n, at in self.mechanism.assembly.items()}
+    def positions(self, stated: str) -> dict[str, float]:
+        """Positions that the mechanism states as ``assembly`` or ``locked``, of coordinates that have a name."""
+        given: Mapping[str, float] = getattr(self.mechanism, stated)
+        found = {self.renamed(name): at for name, at in given.items()}
         return {name: at for name, at in found.items() if name is not None}
 
     def _name(self, name: str) -> str:

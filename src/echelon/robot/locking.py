@@ -44,16 +44,7 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
     if not positions:
         return mechanism
     motions = {motion.name: motion for motion in mechanism.motions}
-    joints = {
-        body.joint.name: [motion.name for motion in body.joint.motions]
-        for body in mechanism.bodies
-    }
-    # a joint stands for all of its motions
-    positions = {
-        motion: at
-        for name, at in positions.items()
-        for motion in joints.get(name) or [name]
-    }
+    positions = _of_motions(mechanism, positions)
     strange = next((name for name in positions if name not in motions), None)
     if strange is not None:
         raise InputError(
@@ -74,12 +65,38 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
         measured=None
         if mechanism.measured is None
         else tuple(_outputs(mechanism.measured, gone)),
+        locked={**mechanism.locked, **_standing(mechanism, all_positions)},
     )
 
 
 def lockable(mechanism: Mechanism) -> bool:
     """Whether joints can be locked, which with loops would lock others."""
     return not mechanism.closures
+
+
+def _standing(mechanism: Mechanism, held: Mapping[str, float]) -> dict[str, float]:
+    """Where coordinates that are held stand, and drives that move nothing else."""
+    known, drives = known_values(mechanism), dict[str, float]()
+    for actuator in mechanism.actuators:
+        if all(name in held for name, _ in actuator.terms):
+            turns = (ratio.at(known) * held[name] for name, ratio in actuator.terms)
+            drives[actuator.name] = sum(turns)
+    return {**drives, **held}
+
+
+def _of_motions(
+    mechanism: Mechanism, positions: Mapping[str, float]
+) -> dict[str, float]:
+    """Positions by motion: a joint stands for all of its motions."""
+    joints = {
+        body.joint.name: [motion.name for motion in body.joint.motions]
+        for body in mechanism.bodies
+    }
+    return {
+        motion: at
+        for name, at in positions.items()
+        for motion in joints.get(name) or [name]
+    }
 
 
 def _with_coupled(

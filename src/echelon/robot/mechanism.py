@@ -219,6 +219,8 @@ class Mechanism:
     experiments : tuple of str
         Where it stands for several experiments (:func:`echelon.joined`), their names, which are those of the bodies
         that their trees hang on.
+    locked : mapping of str to float
+        Coordinates and drives that it has no more because they are locked, and where they stand, rad or m.
     reading : Reading, optional
         How it was read from a file; absent if it was not, or was changed since (:meth:`as_read`).
 
@@ -242,6 +244,7 @@ class Mechanism:
     rounding: float = 0.0
     contacts: tuple[Contact, ...] = ()
     experiments: tuple[str, ...] = ()
+    locked: Mapping[str, float] = field(default_factory=dict, compare=False)
     reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -30,7 +30,8 @@ from echelon.shared import ENTRIES, Floats, InputError
 Labels = npt.NDArray[Any]
 
 _NUMBERS = re.compile(
-    r"(joint|jnt|axis|motor|actuator|servo|dof)s?[\W_]*(id|no|nr|num|number|idx|index)?",
+    r"id|(joint|jnt|axis|motor|actuator|servo|dof|drive|can|node|slave|device|channel)s?[\W_]*"
+    r"(id|no|nr|num|number|idx|index)?",
     re.IGNORECASE,
 )
 """Names of columns that number joints."""
@@ -61,6 +62,21 @@ def joint_by_joint(file: LogFile) -> LogFile:
             if time := _shared_clock(table.columns, labels):
                 return LongLog(file, label, time)
     return file
+
+
+def rows_of_one_time(table: Table) -> str:
+    """A sentence about a table in which every time occurs several times, though no column says why; else empty."""
+    for name, values in table.columns.items():
+        said = meaning(name, {})
+        if said is None or said.kind != "time":
+            continue
+        times, counts = np.unique(values, return_counts=True)
+        if len(times) > 1 and counts[0] > 1 and np.mean(counts == counts[0]) > SHARE:
+            return (
+                f"every '{name}' occurs {counts[0]} times: if each row is of one joint, call the column that says of "
+                "which one 'joint'; if it is of one recording, give each recording a file of its own"
+            )
+    return ""
 
 
 def _worded(file: LogFile) -> Sequence[str]:

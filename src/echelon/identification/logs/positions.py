@@ -10,6 +10,7 @@ import numpy as np
 from echelon.identification.logs.columns.column_guess import guess
 from echelon.identification.logs.columns.column_map import ColumnMap
 from echelon.identification.logs.columns.conversion import recording
+from echelon.identification.logs.faults.locked_joints import check_locked
 from echelon.identification.logs.files.log_file import Table
 from echelon.robot import Mechanism, lock_joints
 from echelon.shared import Floats, InputError
@@ -35,6 +36,7 @@ def logged_positions(
             advice = "name the columns of positions under  log"
             raise InputError("; ".join([*found.problems, advice]), source=table.source)
         stated, unlogged = found.columns, found.unlogged
+    check_locked(table, stated.locked)
     logged = (
         lock_joints(mechanism, dict.fromkeys(unlogged, 0.0)) if unlogged else mechanism
     )

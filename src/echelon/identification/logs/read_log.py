@@ -29,7 +29,9 @@ from echelon.identification.logs.columns.conversion import (
 )
 from echelon.identification.logs.columns.magnitudes import clock_unit
 from echelon.identification.logs.faults.examine import examine
+from echelon.identification.logs.faults.locked_joints import check_locked
 from echelon.identification.logs.faults.lost_rows import with_lost_rows
+from echelon.identification.logs.faults.mixed_rows import check_not_mixed
 from echelon.identification.logs.faults.plausibility import (
     check_plausible,
     surplus_columns,
@@ -81,13 +83,15 @@ def read_log(
         mechanism = experiment_of(
             mechanism, chosen.experiment or _touching_most(mechanism)
         )
-    findings = surplus_columns(chosen, log.names, mechanism)
+    findings = surplus_columns(chosen, log, mechanism)
     tables = log.tables(_needed(chosen, log.names, log.source))
     table, following = next(tables, None), next(tables, None)
     whole = following is None
     while table is not None:
         findings += _left_out(table)
+        check_locked(table, chosen.locked)
         recorded, lost = with_lost_rows(recording(table, chosen, mechanism))
+        check_not_mixed(recorded)
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole, named=named)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)

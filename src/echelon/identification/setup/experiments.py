@@ -65,17 +65,7 @@ def told_apart(setup: Setup, fitted: Paths, unseen: Paths) -> Setup:
         return setup
     note = f"no log is of the experiments {in_quotes(gone)}, which are left out"
     found = replace(setup, assumed=(*setup.assumed, note)).of_experiments(kept)
-    if found.mechanism.experiments:
-        return found
-    # a single one keeps the names of its robot
-    columns = [replace(c, experiment="") for c in setup.columns if c.experiment in used]
-    return replace(
-        found,
-        columns=tuple(columns),
-        experiments=(),
-        prior=found.prior_in_experiments,
-        loads=tuple(kept[0].payloads),
-    )
+    return found.of_single() if len(kept) == 1 else found
 
 
 def with_phases(setup: Setup, paths: Paths) -> Setup:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,12 @@ from echelon.identification.logs.columns.column_map import Channel, ColumnMap
 from echelon.identification.logs.columns.column_names import is_output
 from echelon.identification.logs.columns.conversion import needed_columns, unpushed
 from echelon.identification.logs.columns.magnitudes import with_units
+from echelon.identification.logs.faults.locked_joints import STILL
 from echelon.identification.logs.files.log_file import LogFile, Table
 from echelon.identification.logs.files.numpy_file import MemoryLog
 from echelon.identification.logs.files.open_log import log_paths
 from echelon.identification.logs.finding import listed
-from echelon.identification.logs.long_log import LongLog
+from echelon.identification.logs.long_log import LongLog, rows_of_one_time
 from echelon.identification.logs.read_log import (
     first_table,
     map_of,
@@ -41,14 +42,12 @@ from echelon.identification.setup.experiments import (
     with_phases,
 )
 from echelon.identification.setup.setup import Setup, setup_of, with_usual
-from echelon.robot import Mechanism, lock_joints, lockable
+from echelon.robot import Mechanism, lockable, mechanism_of
 from echelon.shared import MOST_NAMED, InputError, nearest_word
 
 _VECTOR = re.compile(
     r"(?<![A-Za-z])(ctrl|actuator_force)[\W_]*(\d+)\W*$", re.IGNORECASE
 )
-_STILL = 2e-3
-"""Range, rad or m, of a joint at rest: encoders make noise, and drives hold with some play."""
 
 
 def with_logs(
@@ -117,7 +116,7 @@ def _as_logged(setup: Setup, paths: Sequence[Path]) -> Setup:
         replace(some, outputs={n: c for n, c in some.outputs.items() if n in there})
         for some in setup.columns
     ]
-    setup = replace(_without(setup, {}, lost.keys()), columns=tuple(kept))
+    setup = replace(_without(setup, lost.keys()), columns=tuple(kept))
     return replace(setup, unmeasured=(*setup.unmeasured, *texts))
 
 
@@ -172,8 +171,10 @@ def _of_experiments(
 
 def _guessed(setup: Setup, experiment: str, path: Path) -> ColumnMap:
     """The columns of a log of an experiment, by their names."""
-    robot = next(e.mechanism for e in setup.experiments if e.name == experiment)
-    found = understood(opened(path), replace(setup, mechanism=robot), only=False)
+    own = next(e for e in setup.experiments if e.name == experiment)
+    free = (setup.free or mechanism_of(own.robot)) if own.mechanism.locked else None
+    alone = replace(setup, mechanism=own.mechanism, free=free)
+    found = understood(opened(path), alone, only=False)
     if found.problems:
         advice = "state what the columns are, under log"
         raise InputError("; ".join([*found.problems, advice]), source=str(path))
@@ -218,14 +219,15 @@ def understood(
     }
     said |= {name: f"{drive.joint} torque" for name, (drive, _) in vectors.items()}
     look = cache(lambda: first_table(file))
-    found = guess(
-        file.names,
-        setup.mechanism,
-        look,
-        said=said,
-        by_values=by_values,
-        outputs=outputs,
+    guessed = partial(
+        guess, file.names, look=look, said=said, by_values=by_values, outputs=outputs
     )
+    held = setup.mechanism.locked
+    whole = setup.mechanism if setup.free is None else setup.free
+    found = guessed(whole)
+    if found.problems or not held.keys() >= set(found.unlogged):
+        whole = setup.mechanism  # the log lacks joints that are locked
+        found = guessed(whole)
     unread = getattr(file, "left_out", {})
     lacks_outputs = (
         outputs and not found.columns.outputs and any(map(is_output, unread))
@@ -238,10 +240,13 @@ def understood(
         if unread and (found.problems or lacks_outputs)
         else ()
     )
+    repeated = rows_of_one_time(look()) if problems else ""
+    problems += (repeated,) if repeated else ()
     columns, geared = _with_gears(found.columns, drives, vectors)
     side_by_side = file.notes if isinstance(file, LongLog) else ()
-    notes, silent = [*side_by_side, *found.notes, *geared], set(found.unmeasured)
-    locked = _assumed(setup, found.unlogged)
+    notes = [*side_by_side, *found.notes, *geared]
+    silent = {o.name for o in setup.mechanism.sensed} & set(found.unmeasured)
+    locked = _assumed(setup, [name for name in found.unlogged if name not in held])
     if locked:
         notes.append(
             f"the log has no columns for {listed(locked)}, which count as resting, {_line(locked)}"
@@ -249,7 +254,8 @@ def understood(
     if columns.positions:
         tables = file.tables(needed_columns(columns, file.names))
         table, more = measured(next(tables, Table(file.source, {}))), next(tables, None)
-        columns, findings = with_units(columns, table, setup.mechanism)
+        columns, findings = with_units(columns, table, whole)
+        columns = columns.with_locked(held).within(setup.mechanism)
         columns, empty = _without_empty(columns, table)
         notes += [*(finding.text for finding in findings), *empty]
         still: dict[str, float] = {}
@@ -291,9 +297,10 @@ def understood(
         lacking.append(
             f"no measured output for {gone}: no column, or only zeros; {_consequence(gone)}"
         )
+    setup = setup.with_locked(locked)
     return Understood(
-        _without(setup, locked, silent),
-        _columns_without(columns, locked.keys(), silent),
+        _without(setup, silent),
+        _columns_without(columns.with_locked(setup.mechanism.locked), silent),
         problems,
         tuple(notes),
         locked,
@@ -435,7 +442,7 @@ def _still(columns: ColumnMap, table: Table) -> dict[str, float]:
             + channel.offset
         )
         values = values[np.isfinite(values)]
-        if len(values) and np.ptp(values) < _STILL:
+        if len(values) and np.ptp(values) < STILL:
             found[name] = float(np.median(values))
     return found
 
@@ -461,36 +468,28 @@ def _without_empty(columns: ColumnMap, table: Table) -> tuple[ColumnMap, list[st
     return replace(columns, velocities=v, accelerations=a, references=r), notes
 
 
-def _columns_without(
-    columns: ColumnMap, locked: Collection[str], silent: Collection[str]
-) -> ColumnMap:
-    def is_left(kind: str, name: str) -> bool:
-        return name not in locked and not (kind == "output" and name in silent)
-
-    return columns.kept(is_left)
+def _columns_without(columns: ColumnMap, silent: Collection[str]) -> ColumnMap:
+    return columns.kept(lambda kind, name: kind != "output" or name not in silent)
 
 
-def _without(
-    setup: Setup, locked: Mapping[str, float], silent: Collection[str]
-) -> Setup:
-    """The set-up with joints locked and without outputs that are not measured, and effects in their drives."""
-    reading, mechanism = setup.mechanism.reading, lock_joints(setup.mechanism, locked)
-    if silent:
-        measured = tuple(
-            output
-            for output in mechanism.outputs
-            if (output.reads or output.name) not in silent
-        )
-        effects = tuple(
-            e
-            for e in mechanism.effects
-            if any(action.at not in silent for action in e.actions)
-        )
-        mechanism = replace(mechanism, measured=measured, effects=effects)
-    elif locked and reading is not None:
-        options = replace(reading.options, locked={**reading.options.locked, **locked})
-        mechanism = mechanism.as_read(replace(reading, options=options))
-    return replace(setup, mechanism=mechanism)
+def _without(setup: Setup, silent: Collection[str]) -> Setup:
+    """The set-up without outputs that are not measured, and effects in their drives."""
+    mechanism = setup.mechanism
+    if not silent:
+        return setup
+    measured = tuple(
+        output
+        for output in mechanism.outputs
+        if (output.reads or output.name) not in silent
+    )
+    effects = tuple(
+        e
+        for e in mechanism.effects
+        if any(action.at not in silent for action in e.actions)
+    )
+    return replace(
+        setup, mechanism=replace(mechanism, measured=measured, effects=effects)
+    )
 
 
 def joined(

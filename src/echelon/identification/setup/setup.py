@@ -48,6 +48,7 @@ from echelon.robot import (
     Mechanism,
     joined,
     known_values,
+    lock_joints,
     mechanism_of,
 )
 from echelon.shared import (
@@ -103,6 +104,8 @@ class Setup:
         The experiments that the mechanism stands for; none of a robot in one set-up.
     loads : tuple of str
         Bodies that a single experiment adds to its robot.
+    free : Mechanism, optional
+        The robot with all its joints, where some are locked.
     """
 
     source: str
@@ -126,6 +129,7 @@ class Setup:
     document: Document | None = field(default=None, repr=False)
     experiments: tuple[Experiment, ...] = ()
     loads: tuple[str, ...] = ()
+    free: Mechanism | None = None
 
     def error(self, path: str, problem: str) -> InputError:
         """An error about an element of the file, with its line where that is known.
@@ -175,6 +179,48 @@ class Setup:
         """
         return replace(
             self, mechanism=joined(experiments), experiments=tuple(experiments)
+        )
+
+    def with_locked(self, positions: Mapping[str, float]) -> Setup:
+        """The set-up with some joints of its robot locked.
+
+        Parameters
+        ----------
+        positions : mapping of str to float
+            Where joints stand, rad or m.
+
+        Returns
+        -------
+        Setup
+        """
+        if not positions:
+            return self
+        held = lock_joints(self.mechanism, positions)
+        reading = self.mechanism.reading
+        if reading is not None:
+            options = reading.options and replace(
+                reading.options, locked={**reading.options.locked, **positions}
+            )
+            held = held.as_read(replace(reading, options=options))
+        return replace(self, mechanism=held, free=self.free or self.mechanism)
+
+    def of_single(self) -> Setup:
+        """The set-up of the only experiment that there is, which keeps the names of its robot.
+
+        Returns
+        -------
+        Setup
+        """
+        (own,) = self.experiments
+        columns = [c for c in self.columns if c.experiment in ("", own.name)]
+        free = self.free or mechanism_of(own.robot)
+        return replace(
+            self,
+            columns=tuple(replace(c, experiment="") for c in columns),
+            experiments=(),
+            prior=self.prior_in_experiments,
+            loads=tuple(own.payloads),
+            free=free if own.mechanism.locked else None,
         )
 
     @property
@@ -284,15 +330,11 @@ def check_single(setup: Setup) -> Setup:
 
 
 def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
-    mechanism = file.mechanism(replace(options, usual_effects=True))
-    return Setup(
-        file.source,
-        mechanism,
-        robot_file=file,
-        states_effects=False,
-        usual=True,
-        assumed=_assumed(mechanism),
-    )
+    free = file.mechanism(replace(options, usual_effects=True), free=True)
+    found = Setup(file.source, free, robot_file=file, states_effects=False, usual=True)
+    with locating(file.source):
+        found = found.with_locked(options.locked)
+    return replace(found, assumed=_assumed(found.mechanism))
 
 
 def with_file_effects(setup: Setup) -> Setup:
@@ -332,40 +374,45 @@ def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def _described(file: RobotFile, options: ReadingOptions) -> Setup:
-    mechanism, robot, document = (
-        file.mechanism(options, alone=True),
+    robot, document, entry = (
         file.description,
         file.document,
+        file.description.identification,
     )
-    with locating(file.source):
-        experiments = file.experiments(mechanism, options.experiment)
-        whole = joined(experiments) if experiments else mechanism
-    entry = robot.identification
-    many = isinstance(robot.log, tuple)
-    logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
-    resting = {**robot.locked, **options.locked}
-    folder, prior = file.directory or Path(), entry.prior.file
-    stated = None if prior is None else open_robot(folder / prior).mechanism(options)
-    columns: list[ColumnMap] = []
-    for k, log in enumerate(logs):
-        path = f"log[{k}]" if many else "log"
-        section = _LogSection(mechanism, document, path, resting)
-        columns += section.read(log, experiments)
-    return Setup(
+    free = file.mechanism(options, alone=True, free=True)
+    found = Setup(
         file.source,
-        whole,
-        tuple(columns),
-        robot.preparation,
-        entry,
-        stated,
-        file.robot,
+        free,
+        preparation=robot.preparation,
+        settings=entry,
+        robot_file=file.robot,
         states_effects=robot.effects is not None,
         usual="usual" in (robot.effects or ()),
         excitation=robot.excitation,
         measure=robot.measure,
         document=document,
+    )
+    with locating(file.source):
+        found = found.with_locked(file.locked(options))
+        experiments = file.experiments(found.mechanism, options.experiment)
+        whole = joined(experiments) if experiments else found.mechanism
+    many = isinstance(robot.log, tuple)
+    logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
+    folder, prior = file.directory or Path(), entry.prior.file
+    stated = None if prior is None else open_robot(folder / prior).mechanism(options)
+    columns: list[ColumnMap] = []
+    for k, log in enumerate(logs):
+        path = f"log[{k}]" if many else "log"
+        section = _LogSection(free, document, path, found.mechanism.locked)
+        columns += section.read(log, found.mechanism, experiments)
+    found = replace(
+        found,
+        mechanism=whole,
+        columns=tuple(columns),
+        prior=stated,
         experiments=experiments,
     )
+    return found.of_single() if len(experiments) == 1 else found
 
 
 _FIELD = re.compile(r"\{(?:(\d+) *\* *)?(n|i|name)(?: *([+-]) *(\d+))?\}")
@@ -377,14 +424,14 @@ EVERY, DRIVES = (
 
 
 class _LogSection:
-    """A ``log`` section of a description, read as a column map."""
+    """A ``log`` section of a description, read as a column map of the robot with all its joints."""
 
     def __init__(
         self,
         mechanism: Mechanism,
         document: Document,
         path: str,
-        resting: Mapping[str, float],
+        locked: Mapping[str, float],
     ) -> None:
         self.mechanism, self.document, self.path = mechanism, document, path
         self.drives = tuple(
@@ -393,7 +440,7 @@ class _LogSection:
             if a.name not in mechanism.springs
         )
         # values of symbols, and of joints that are locked
-        self.known = {**resting, **known_values(mechanism), PI: math.pi}
+        self.known = {**locked, **known_values(mechanism), PI: math.pi}
         self.sensors: dict[str, MotionSensor] = {}
         # a floating base is named where contacts hold the robot: patterns are for joints
         self.bases = {
@@ -404,10 +451,11 @@ class _LogSection:
             for name in (*motion.positions, *motion.velocities)
         }
         # coordinates whose velocities are their derivatives, which those of balls are not
-        self.single = [n for n in mechanism.velocities if n in mechanism.positions]
+        moving = [n for n in mechanism.velocities if n not in locked]
+        self.single = [n for n in moving if n in mechanism.positions]
 
     def read(
-        self, log: LogEntry, experiments: Sequence[Experiment] = ()
+        self, log: LogEntry, mechanism: Mechanism, experiments: Sequence[Experiment]
     ) -> list[ColumnMap]:
         """The map, or one for every experiment that logs of this section may belong to."""
         names = [e.name for e in experiments]
@@ -416,7 +464,7 @@ class _LogSection:
             raise self.document.error(f"{self.path}.experiment", problem)
         by_contacts = bool(log.contact) and log.experiment is None
         if not experiments or by_contacts:
-            return [self._map(log, self.mechanism)]
+            return [self._map(log, mechanism)]
         return [
             replace(self._map(log, e.mechanism), experiment=e.name)
             for e in experiments
@@ -426,7 +474,7 @@ class _LogSection:
     def _map(self, log: LogEntry, mechanism: Mechanism) -> ColumnMap:
         """The map for a mechanism, whose joints are numbered as those of the robot."""
         for name, sensor in log.sensors.items():
-            self.sensors[name] = self._sensor(name, sensor)
+            self.sensors[name] = self._sensor(name, sensor, mechanism)
         positions, velocities = (
             self.mechanism.independent_positions,
             self.mechanism.independent_velocities,
@@ -455,9 +503,12 @@ class _LogSection:
             twist=log.twist,
             files=log.files,
         )
+        found = found.with_locked(mechanism.locked)
         return found if mechanism is self.mechanism else found.within(mechanism)
 
-    def _sensor(self, name: str, entry: Combination) -> MotionSensor:
+    def _sensor(
+        self, name: str, entry: Combination, mechanism: Mechanism
+    ) -> MotionSensor:
         """A sensor of motion, by the combination of coordinates or the body that is stated."""
         path, moving = f"{self.path}.sensors.{name}", self.single
         if name in (*moving, *self.mechanism.positions, *self.drives, EVERY, DRIVES):
@@ -479,7 +530,7 @@ class _LogSection:
             problem = f"there is no such body{nearest_of(str(entry.body), bodies)}"
             raise self.document.error(f"{path}.body", problem)
         try:
-            return inclinometer(self.mechanism, entry.body, entry.axis)
+            return inclinometer(mechanism, entry.body, entry.axis)
         except InputError as error:
             raise self.document.error(path, error.problem) from None
 

@@ -281,7 +281,7 @@ def _body(
                 {"outputs": [{"actuator": output.name} for output in mechanism.sensed]}
             )
         )
-    section = _log_section(found.columns, mechanism, log, proposed)
+    section = _log_section(found, log, proposed, stated=not file.is_description)
     if file.is_description:
         return "\n".join([file.data.decode().rstrip(), *parts, section])
     source = Path(file.source)
@@ -328,8 +328,16 @@ def _gears(file: RobotFile) -> list[str]:
 
 
 def _log_section(
-    columns: ColumnMap, mechanism: Mechanism, log: LogFile, proposed: float | None
+    found: Understood, log: LogFile, proposed: float | None, *, stated: bool
 ) -> str:
+    """The section ``log``; ``stated`` says whether the set-up states which outputs are measured."""
+    mechanism, columns = found.setup.mechanism, _with_all_joints(found)
+    whole = found.setup.free or mechanism
+    stated = stated and mechanism.measured is not None
+    numbered = {
+        "output": [o.name for o in (mechanism if stated else whole).sensed],
+        "position": whole.independent_positions,
+    }
     lines = ["log:"]
     if columns.time is not None:
         lines.append(f"  {dump_flow({'time': _entry(columns.time)})}")
@@ -341,9 +349,9 @@ def _log_section(
         )
     for key, group in columns.channels.items():
         if group:
-            lines += _group(key, group)
+            lines += _group(key, group, numbered.get(key, whole.independent_velocities))
             if key == "output" and _has_drives(group, mechanism):
-                lines += _in_amperes(group)
+                lines += _in_amperes(group, numbered[key])
         elif key == "position" or (key == "output" and not columns.inputs):
             lines.append(
                 f'  # {key}: "…_{{n}}"                       # one column for each of {listed(_names(mechanism, key))}'
@@ -360,6 +368,17 @@ def _log_section(
     )
 
 
+def _with_all_joints(found: Understood) -> ColumnMap:
+    """The columns with those of joints that are locked, in the order of the robot's joints."""
+    columns = found.columns
+    locked = {name: some.position for name, some in columns.locked.items()}
+    every = {**columns.positions, **locked}
+    whole = found.setup.free or found.setup.mechanism
+    order = {name: k for k, name in enumerate(whole.positions)}
+    names = sorted(every, key=lambda name: order.get(name, len(order)))
+    return replace(columns, positions={name: every[name] for name in names})
+
+
 def _names(mechanism: Mechanism, key: str) -> list[str]:
     return (
         [output.name for output in mechanism.outputs]
@@ -368,9 +387,11 @@ def _names(mechanism: Mechanism, key: str) -> list[str]:
     )
 
 
-def _group(key: str, group: Mapping[str, Channel]) -> list[str]:
+def _group(
+    key: str, group: Mapping[str, Channel], numbered: Sequence[str]
+) -> list[str]:
     """Lines that state the channels of a quantity: by a pattern where they have one, else one by one."""
-    pattern = _pattern(group)
+    pattern = _pattern(group, numbered)
     if pattern is not None:
         entry = _entry(pattern)
         return [
@@ -396,9 +417,9 @@ def _has_wrenches(names: Collection[str], mechanism: Mechanism) -> bool:
     return any(output.cuts and output.name in names for output in mechanism.sensed)
 
 
-def _in_amperes(group: Mapping[str, Channel]) -> list[str]:
+def _in_amperes(group: Mapping[str, Channel], numbered: Sequence[str]) -> list[str]:
     """A comment that shows how to state outputs that are currents, where nothing says that they are not."""
-    pattern = _pattern(group)
+    pattern = _pattern(group, numbered)
     name, channel = next(iter(group.items())) if pattern is None else ("all", pattern)
     if channel.unit or channel.scale != 1:
         return []
@@ -417,8 +438,8 @@ def _entry(channel: Channel) -> str | dict[str, str | float]:
     return found if len(found) > 1 else channel.column
 
 
-def _pattern(group: Mapping[str, Channel]) -> Channel | None:
-    """One channel whose name, with {n} or {name} in it, stands for all of them."""
+def _pattern(group: Mapping[str, Channel], numbered: Sequence[str]) -> Channel | None:
+    """One channel whose name, with {n} or {name} in it, stands for all of them; names have numbers by their order."""
     names, channels = list(group), list(group.values())
     first = channels[0]
     if len(channels) < 2 or any(
@@ -429,12 +450,15 @@ def _pattern(group: Mapping[str, Channel]) -> Channel | None:
     if all(c.column.replace(name, "{name}") == first.column.replace(names[0], "{name}") != first.column
            for name, c in group.items()):  # fmt: skip
         return replace(first, column=first.column.replace(names[0], "{name}"))
+    if not set(names) <= set(numbered):
+        return None
+    places = [numbered.index(name) for name in names]
     for number in reversed([*re.finditer(r"\d+", first.column)]):
-        shift = int(number.group()) - 1
+        shift = int(number.group()) - 1 - places[0]
         before, after = first.column[: number.start()], first.column[number.end() :]
         if all(
             channel.column == f"{before}{k + 1 + shift}{after}"
-            for k, channel in enumerate(channels)
+            for k, channel in zip(places, channels, strict=True)
         ):
             field = "{n}" if shift == 0 else "{i}" if shift == -1 else f"{{n+{shift}}}"
             return replace(first, column=f"{before}{field}{after}")

@@ -96,8 +96,9 @@ def stretches(time: Floats, gap: float = GAP) -> Stretches:
     duplicates = np.flatnonzero(intervals == 0) + 1
     if len(duplicates) > REPEATED * len(time):
         raise InputError(
-            f"{len(duplicates)} of {len(time)} time stamps repeat the one before, first at row {duplicates[0]}: they "
-            "are coarser than the samples; if these came at a constant rate, give rate instead of time"
+            f"{len(duplicates)} of {len(time)} time stamps repeat the one before, first at row {duplicates[0]}: if rows "
+            "are of several recordings or joints, give each a file of its own; if stamps are coarser than the samples, "
+            "which came at a constant rate, give rate instead of time"
         )
     kept = np.delete(np.arange(len(time)), duplicates)
     steps = np.diff(time[kept])

@@ -84,8 +84,9 @@ _NOT_MEASURED = re.compile(
 
 
 CURRENTS = (
-    "the outputs have names of currents and are read as torques: give the torque per ampere at the joint, "
-    "which is the torque constant times the gear ratio, as  scale  (or  unit: N·m  for outputs that are torques)"
+    "the outputs have names of currents and are read as torques, so parameters may be in units of currents, not of "
+    "inertia: give the torque per ampere at the joint, which is the torque constant times the gear ratio, as  scale  "
+    "(or  unit: N·m  for outputs that are torques)"
 )
 """Doubt about outputs whose columns say current."""
 

@@ -35,6 +35,14 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class Locked:
+    """A joint or drive that does not move, and the column that must say so, where a log has it."""
+
+    position: Channel
+    at: float  # where it stands, rad or m
+
+
+@dataclass(frozen=True)
 class ColumnMap:
     """Which columns hold which quantities.
 
@@ -70,6 +78,9 @@ class ColumnMap:
     # patterns of file names that the map is for; all names that have the experiment's as a word if empty
     files: tuple[str, ...] = field(default=(), kw_only=True)
 
+    # joints and drives that the robot has locked
+    locked: Mapping[str, Locked] = field(default_factory=dict, kw_only=True)
+
     def is_for(self, source: str) -> bool:
         """Whether a log is one that the map is for, by its name."""
         names = [source, *(Path(part).name for part in source.split("+"))]
@@ -89,6 +100,15 @@ class ColumnMap:
             for kind, group in self.channels.items()
         }
         return replace(self, **groups)
+
+    def with_locked(self, at: Mapping[str, float]) -> ColumnMap:
+        """The map for a robot with some joints and drives locked, whose positions are only compared with theirs."""
+        found = self.kept(lambda kind, name: kind == "contact" or name not in at)
+        positions = self.positions.items()
+        locked = {
+            name: Locked(some, at[name]) for name, some in positions if name in at
+        }
+        return replace(found, locked={**self.locked, **locked})
 
     def within(self, mechanism: Mechanism) -> ColumnMap:
         """The map without channels of what a mechanism does not have, such as joints that an experiment locks."""

@@ -217,6 +217,7 @@ def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, 
     ]
     found = list(dict.fromkeys(channel.column for channel in channels))
     if names:
+        of_locked = [some.position.column for some in columns.locked.values()]
         strange = [name for name in found if name not in names]
         if len(strange) == 1:
             raise InputError(
@@ -232,6 +233,7 @@ def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, 
                              f"{listed(names)}")  # fmt: skip
         if columns.time is None and columns.rate is None:
             found += [name for name in time_candidates(names) if name not in found]
+        found += [name for name in of_locked if name in names and name not in found]
     return tuple(found)
 
 

@@ -35,6 +35,8 @@ from echelon.identification.logs.columns.magnitudes import (
     fitting_units,
     is_period,
 )
+from echelon.identification.logs.faults.locked_joints import STILL
+from echelon.identification.logs.files.log_file import LogFile, Table
 from echelon.identification.logs.finding import Finding, listed, warning
 from echelon.identification.logs.recording import Recording
 from echelon.identification.logs.units import factor
@@ -57,9 +59,13 @@ def check_plausible(
 
 
 def surplus_columns(
-    columns: ColumnMap, names: Sequence[str], mechanism: Mechanism
+    columns: ColumnMap, log: LogFile, mechanism: Mechanism
 ) -> tuple[Finding, ...]:
-    """Positions that a file has beyond those that are used, such as ``q_7`` beside ``q_1`` … ``q_6``."""
+    """Positions that a file has beyond those that are used, such as ``q_7`` beside ``q_1`` … ``q_6``.
+
+    As many as the robot has joints that never move may be there, unless they move.
+    """
+    names = log.names
     locked = sum(body.joint.is_fixed for body in mechanism.bodies)
     used = {channel.column for channel in columns.positions.values()}
     known = {
@@ -67,6 +73,7 @@ def surplus_columns(
         for group in columns.channels.values()
         for channel in group.values()
     }
+    known |= {some.position.column for some in columns.locked.values()}
     patterns = {
         re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)
     }
@@ -77,10 +84,22 @@ def surplus_columns(
         and re.search(r"\d", n)
         and re.sub(r"\d+(?=\D*$)", "#", n) in patterns
     ]
-    if len(more) <= locked or len(patterns) > 1 or len(used) < 2 or are_numbers(names):
+    if not more or len(patterns) > 1 or len(used) < 2 or are_numbers(names):
+        return ()
+    question = "is it a log of another robot?"
+    if len(more) <= locked:
+        table = next(log.tables(more), Table(log.source, {}))
+        size = max(
+            abs(c.scale) * factor(c.unit, None) for c in columns.positions.values()
+        )
+        more = [n for n in more if size * np.ptp(table.columns[n]) > STILL]
+        question = "they move: are they positions of joints that the robot has locked or fixed? If so, name them under  position"
+    if not more:
         return ()
     shown = listed(f"'{name}'" for name in more)
-    text = f"the log has {shown} beside the {len(used)} columns that are used: is it a log of another robot?"
+    text = (
+        f"the log has {shown} beside the {len(used)} columns that are used: {question}"
+    )
     return (warning("robot", "positions", text),)
 
 
