@@ -113,9 +113,9 @@ def test_spikes_are_left_out(noise: float) -> None:
     signals = {"q": q, "y": y}
     findings, usable = examine(replace(recorded, signals=signals), ARM)
     assert np.flatnonzero(~usable).tolist() == sorted([*planted, 1000])
-    assert [finding.text.split(" lie")[0] for finding in findings] == [
-        "5 samples",
-        "1 sample",
+    assert [finding.text.split(" far")[0] for finding in findings] == [
+        "5 outliers",
+        "1 outlier",
     ]
 
 

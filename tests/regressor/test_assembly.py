@@ -404,3 +404,13 @@ def test_poses_that_are_far_from_closing_are_refused() -> None:
         match=r"assembly: at the stated .*'piston' by 1\.3 m.*write  assembly: \{crank: ",
     ):
         close(far)
+
+
+@pytest.mark.parametrize("gravities", [("generic", "file"), ("file", "generic")])
+def test_a_robot_with_loops_is_read_after_one_with_another_gravity(
+    gravities: tuple[str, str],
+) -> None:
+    """Random values of symbols without one are kept for the loops that they close."""
+    for gravity in gravities:
+        robot = ec.load(ROOT / "examples/loops/four_bar.yaml", gravity=gravity)
+        assert ec.base_structure(robot).rank == 8

@@ -145,7 +145,9 @@ def closing_values(mechanism: Mechanism) -> Mapping[str, str]:
     InputError
         If the loops close at none of the random values that are tried.
     """
-    return _closing_values(Keyed(identity(mechanism), mechanism))
+    # also of symbols that the closures do not use, such as those of gravity
+    part = (identity(mechanism), frozenset(all_symbols(mechanism)))
+    return _closing_values(Keyed(part, mechanism))
 
 
 class _Pool:
