@@ -44,14 +44,14 @@ FAULTS = (
     ),
     Fault(
         "identification/estimators/least_squares.py",
-        "solution.triangle.residual ** 2 / solution.degrees",
-        "solution.triangle.residual ** 2 / solution.triangle.rows",
+        "variance = solution.triangle.residual ** 2 / solution.degrees",
+        "variance = solution.triangle.residual ** 2 / solution.triangle.rows",
         "noise of ordinary least squares",
         ESTIMATORS,
     ),
     Fault(
         "identification/estimators/least_squares.py",
-        "factor = solution.triangle.residual ** 2 / degrees",
+        "factor = solution.triangle.residual ** 2 / solution.degrees",
         "factor = solution.triangle.residual ** 2",
         "common factor of noise",
         ESTIMATORS,

@@ -127,11 +127,9 @@ class ClosedBallStates:
 
     def __init__(self, forms: LinearForms) -> None:
         assert forms.loops is not None
-        self.forms, self.loops, self.mechanism = (
-            forms,
-            forms.loops,
-            forms.loops.mechanism,
-        )
+        self.forms = forms
+        self.loops = forms.loops
+        self.mechanism = forms.loops.mechanism
         self.values, self.motions = self.loops.values, self.loops.motions
         self.subject = shown_loops(self.mechanism)
 
@@ -320,14 +318,10 @@ def bits_of_span(
         return 0
     with flint.ctx.workprec(BALL_BITS):
         if forms.loops is None:
-            schedule, drawn = (
-                forms.points.schedule(nodes),
-                forms.points.draw(rng, forms.points.count),
-            )
-            leaves, states = (
-                forms.points.leaves(schedule.leaves, drawn, [at]),
-                count_of(drawn),
-            )
+            schedule = forms.points.schedule(nodes)
+            drawn = forms.points.draw(rng, forms.points.count)
+            leaves = forms.points.leaves(schedule.leaves, drawn, [at])
+            states = count_of(drawn)
         else:
             staged, states = StagedSchedule(program, nodes), 1
             leaves = _closed(forms.loops, [at], forms.loops.poses(rng, 1)).leaves(

@@ -266,12 +266,10 @@ class _Checks:
         rng: np.random.Generator,
         doubt: str,
     ) -> None:
-        self.regressor, self.matrix, self.stated, self.rng = (
-            regressor,
-            matrix,
-            stated,
-            rng,
-        )
+        self.regressor = regressor
+        self.matrix = matrix
+        self.stated = stated
+        self.rng = rng
         self.numbers = set(matrix.numbers.columns) if matrix.numbers else set[int]()
         self.reached: dict[str, set[int]] = {}
         self.doubt = doubt
@@ -405,10 +403,8 @@ class _Checks:
                 f"independence at the stated values ({reason}; {error})"
             )
         else:
-            self.minor, self.at_values = (
-                Minor(self.matrix.rank, 0, evidence.states),
-                True,
-            )
+            self.minor = Minor(self.matrix.rank, 0, evidence.states)
+            self.at_values = True
 
     # -- loops and functions ----------------------------------------------------------------------------------------
 

@@ -506,10 +506,8 @@ def model_at_stated_values(
             return recorded
         return virtual_power_form(put_in)
 
-    values, texts = (
-        stated_values(mechanism),
-        value_texts(mechanism, all_symbols(mechanism)),
-    )
+    values = stated_values(mechanism)
+    texts = value_texts(mechanism, all_symbols(mechanism))
     fractions_of_pi = any(turns for _, _, turns in values.multiples.values())
     rounded = [
         name

@@ -67,11 +67,9 @@ def absolute_angles(mechanism: Mechanism) -> dict[str, Combination]:
                     if parallel
                     else ()
                 )
-                angles, axis, between = (
-                    (*before, (f"q[{step.name}]", step.sign)),
-                    step.axis,
-                    None,
-                )
+                angles = (*before, (f"q[{step.name}]", step.sign))
+                axis = step.axis
+                between = None
                 if len(angles) > 1 and step.name not in mechanism.dependent:
                     found[f"q[{step.name}]"] = angles
             elif step.kind is MotionKind.BALL:
@@ -140,11 +138,9 @@ class ShortForms:
 
     def _polynomial(self, node: int) -> Polynomial:
         program = self.program
-        op, a, b = (
-            Op(program.ops[node]),
-            self._known.get(program.lhs[node]),
-            self._known.get(program.rhs[node]),
-        )
+        op = Op(program.ops[node])
+        a = self._known.get(program.lhs[node])
+        b = self._known.get(program.rhs[node])
         if op is Op.INPUT:
             return Polynomial.generator(program.inputs[node].name)
         if op is Op.CONSTANT:
@@ -255,10 +251,8 @@ class ShortForms:
             values[generator] = Polynomial.generator(generator)
             if label in self.absolute:
                 *before, (_, sign) = self.absolute[label]
-                (c1, s1), (c2, s2) = (
-                    self._circle(tuple(before)),
-                    self._circle(self.absolute[label]),
-                )
+                c1, s1 = self._circle(tuple(before))
+                c2, s2 = self._circle(self.absolute[label])
                 # sign · angle = after − before
                 values[generator] = (
                     c2 * c1 + s2 * s1

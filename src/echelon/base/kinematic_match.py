@@ -580,10 +580,8 @@ def gravity_value(mechanism: Mechanism) -> Floats:
 
 def _angle(axis: Floats, start: Floats, end: Floats) -> float:
     """The angle of the turn about an axis that brings one vector next to another."""
-    sine, cosine = (
-        axis @ np.cross(start, end),
-        start @ end - (axis @ start) * (axis @ end),
-    )
+    sine = axis @ np.cross(start, end)
+    cosine = start @ end - (axis @ start) * (axis @ end)
     return float(np.arctan2(sine, cosine)) if np.hypot(sine, cosine) > PARALLEL else 0.0
 
 

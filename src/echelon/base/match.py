@@ -53,11 +53,9 @@ class Match:
     base_map: Floats
 
     def __str__(self) -> str:
-        one, two, names = (
-            self.first.mechanism.name,
-            self.second.mechanism.name,
-            self.first.pivots,
-        )
+        one = self.first.mechanism.name
+        two = self.second.mechanism.name
+        names = self.first.pivots
         lines = [f"{one} and {two}: the same {self.first.rank} base parameters"]
         for k, (name, row) in enumerate(
             zip(self.second.pivots, self.base_map, strict=True), 1

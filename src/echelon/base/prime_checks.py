@@ -152,12 +152,10 @@ class Identity:
         columns: Collection[int],
         rng: np.random.Generator,
     ) -> None:
-        self.regressor, self.matrix, self.columns, self.rng = (
-            regressor,
-            matrix,
-            sorted(columns),
-            rng,
-        )
+        self.regressor = regressor
+        self.matrix = matrix
+        self.columns = sorted(columns)
+        self.rng = rng
         self.sampler = regressor.sampler()
 
     def holds_modulo(self, bits: int) -> int:

@@ -138,16 +138,12 @@ def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunc
             f"a metric is 'identity', a diagonal, or a sympy Matrix, not {metric!r}"
         )
     if hasattr(metric, "todok") and 1 not in metric.shape:
-        shape, given = (
-            metric.shape,
-            {(int(i), int(j)): value for (i, j), value in metric.todok().items()},
-        )
+        shape = metric.shape
+        given = {(int(i), int(j)): value for (i, j), value in metric.todok().items()}
     else:
         diagonal = list(metric)
-        shape, given = (
-            (len(diagonal),) * 2,
-            {(k, k): value for k, value in enumerate(diagonal)},
-        )
+        shape = (len(diagonal),) * 2
+        given = {(k, k): value for k, value in enumerate(diagonal)}
     if shape != (size, size):
         raise InputError(
             f"the metric is {shape[0]} × {shape[1]}; expected {size} × {size} or its diagonal"

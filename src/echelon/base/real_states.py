@@ -269,10 +269,8 @@ class RealStates:
     def _solved(self, table: Balls, sources: int, bits: int) -> list[Number] | None:
         """Exact coefficients by a table; None if the precision does not tell."""
         auxiliary = self.rows.auxiliary
-        pivots, others = (
-            range(auxiliary + sources),
-            range(auxiliary + sources, table.shape[1]),
-        )
+        pivots = range(auxiliary + sources)
+        others = range(auxiliary + sources, table.shape[1])
         solved = combinations_of(table, pivots, others, AGREEING_POINTS)
         if solved is None:
             return None

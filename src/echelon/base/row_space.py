@@ -283,19 +283,15 @@ class _Side:
                 model.matrix.dense_modulo(at, field)
             )
         elif isinstance(model, Mechanism):
-            self.names, forms, auxiliary = (
-                model.parameters,
-                virtual_power_form(model),
-                0,
-            )
+            self.names = model.parameters
+            forms = virtual_power_form(model)
+            auxiliary = 0
         elif isinstance(model, LinearModel):
             self.names, forms, auxiliary = model.parameters, model.regressor, 0
         elif isinstance(model, RecordedRows):
-            self.names, forms, auxiliary = (
-                model.parameters,
-                model.forms,
-                model.auxiliary,
-            )
+            self.names = model.parameters
+            forms = model.forms
+            auxiliary = model.auxiliary
         elif isinstance(model, LinearForms):
             forms, auxiliary = model, 0
         else:
@@ -432,10 +428,8 @@ def row_space(
     Most forms show much less than they have columns, so states are few at first.
     """
     sampler, columns = forms.sampler(), forms.shape[1]
-    states, seen = (
-        max(min(FIRST_STATES, columns + SURPLUS_ROWS), sampler.regions),
-        -1,
-    )
+    states = max(min(FIRST_STATES, columns + SURPLUS_ROWS), sampler.regions)
+    seen = -1
     while True:
         reduced, pivots = reduced_echelon(
             forms.stacked(sampler.evaluate(field, rng, states, at))[0], field

@@ -152,10 +152,8 @@ def special_geometry(
 
 def _conditions(mechanism: Mechanism) -> Iterator[_Condition]:
     roles = symbol_roles(mechanism)
-    plain, angles = (
-        sorted(roles.symbols - roles.angles),
-        sorted(roles.symbols & roles.angles),
-    )
+    plain = sorted(roles.symbols - roles.angles)
+    angles = sorted(roles.symbols & roles.angles)
     for name in plain:
         yield _Condition(f"{name} = 0", frozenset({name}), {name: _ZERO})
     for first, second in combinations(plain, 2):

@@ -111,10 +111,8 @@ def units_of(
     """
     if not mechanism.rounding:
         return None
-    length, kinds = (
-        characteristic_length(mechanism),
-        [mechanism.columns[column] for column in columns],
-    )
+    length = characteristic_length(mechanism)
+    kinds = [mechanism.columns[column] for column in columns]
     return [
         *[inf] * auxiliary,
         *(inf if k.kind is None else length**-k.length_degree for k in kinds),

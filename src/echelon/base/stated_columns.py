@@ -346,10 +346,8 @@ def _solved(
     states = -(-(unknowns + SURPLUS_ROWS) // max(1, forms.shape[0]))
     for count in (states, 8 * states):  # regions of signs may need more
         rows = ball_rows(forms, at, count, rng, MOTIONS_PER_POSE)
-        left, right = (
-            flint.arb_mat(rows[:, :unknowns].tolist()),
-            flint.arb_mat(rows[:, unknowns:].tolist()),
-        )
+        left = flint.arb_mat(rows[:, :unknowns].tolist())
+        right = flint.arb_mat(rows[:, unknowns:].tolist())
         across = left.transpose()
         try:
             solution = (across * left).solve(across * right)

@@ -309,10 +309,8 @@ def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
 
     On a whole parent the joint is placed at the parent's frame instead of :func:`joint_frame`.
     """
-    child, parent = (
-        mechanism.bodies[index],
-        mechanism.bodies[mechanism.bodies[index].parent],
-    )
+    child = mechanism.bodies[index]
+    parent = mechanism.bodies[mechanism.bodies[index].parent]
     name = "free"
     while any(motion.name.startswith(name) for motion in child.joint.motions):
         name += "_"

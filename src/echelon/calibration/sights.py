@@ -288,10 +288,8 @@ class SightRecorder:
             inverse = sight.entry is not None and sight.entry.inverse
             if inverse:
                 turned = transpose(rotation)
-                rotation, x = (
-                    turned,
-                    scale(apply(turned, x), -self.recorder.program.one),
-                )
+                rotation = turned
+                x = scale(apply(turned, x), -self.recorder.program.one)
             return [*x, *(entry for row in rotation for entry in row)]
         if kind == "plane":
             return [x[2]]

@@ -237,10 +237,8 @@ class _Printer:
         self._inputs: dict[int, str] = {}
         for argument in planned.function.arguments:
             for k, node in enumerate(argument.nodes):
-                self._owner[node], self._inputs[node] = (
-                    argument,
-                    language.at(argument.name, k),
-                )
+                self._owner[node] = argument
+                self._inputs[node] = language.at(argument.name, k)
         self._home = homes(planned.parts)
         self._slots = {n: language.at(WORK, slot) for n, slot in planned.slots.items()}
         self._places = {angle.node: k for k, angle in enumerate(planned.angles)}
@@ -292,11 +290,9 @@ class _Printer:
         return lines
 
     def _trig(self, used: Iterable[int]) -> tuple[Trig, ...]:
-        names, places, kinds = (
-            self._plan.names,
-            self._places,
-            {Op.SIN: "sine", Op.COS: "cosine"},
-        )
+        names = self._plan.names
+        places = self._places
+        kinds = {Op.SIN: "sine", Op.COS: "cosine"}
         found = []
         for node in used:
             op, angle = self._program.ops[node], self._program.lhs[node]

@@ -273,12 +273,10 @@ class OutputDifference:
             worst = (upper / np.where(wanted > 0, wanted, 1.0)).max(axis=1)
             done = (upper <= wanted).all(axis=1)
             settled = np.maximum(settled, upper[done].max(axis=0, initial=0.0))
-            low, high, upper, worst = (
-                low[~done],
-                high[~done],
-                upper[~done],
-                worst[~done],
-            )
+            low = low[~done]
+            high = high[~done]
+            upper = upper[~done]
+            worst = worst[~done]
             if not len(worst):
                 break
             order = np.argsort(-worst)
@@ -312,10 +310,8 @@ class OutputDifference:
     def _upper(self, part: int, low: Floats, high: Floats) -> Floats:
         """Bounds of the sizes of a part in boxes, shape (boxes, outputs)."""
         cut = [len(self.box.low)]
-        (q, qd), (q_high, qd_high) = (
-            np.split(low, cut, axis=1),
-            np.split(high, cut, axis=1),
-        )
+        q, qd = np.split(low, cut, axis=1)
+        q_high, qd_high = np.split(high, cut, axis=1)
         ends = [term.enclosed(part, (q, q_high), (qd, qd_high)) for term in self.terms]
         least, most = (sum(end[k] for end in ends) for k in (0, 1))
         sizes = np.maximum(np.abs(least), np.abs(most))

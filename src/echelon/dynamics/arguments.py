@@ -118,10 +118,8 @@ class Arguments:
         inputs = (
             parameter_input(name, standard=self.standard) for name in self.parameters
         )
-        nodes, units = (
-            tuple(self.program.input(n, "symbol").node for n in inputs),
-            tuple(self.parameters.values()),
-        )
+        nodes = tuple(self.program.input(n, "symbol").node for n in inputs)
+        units = tuple(self.parameters.values())
         name, meaning = (
             (STANDARD, "standard parameters")
             if self.standard

@@ -218,10 +218,8 @@ class Subtree:
 
     def plus(self, other: Subtree) -> Subtree:
         """Both together, about one origin."""
-        wrench, momentum = (
-            plus(self.wrench, other.wrench),
-            add(self.momentum, other.momentum),
-        )
+        wrench = plus(self.wrench, other.wrench)
+        momentum = add(self.momentum, other.momentum)
         return Subtree(
             self.pseudo + other.pseudo, self.spread + other.spread, momentum, wrench
         )
@@ -356,10 +354,8 @@ class _InwardSweep:
     ) -> Subtree:
         pseudo, step = inertia_before(transform, subtree.pseudo), transform.step
         wrench = self._wrench_before(transform, subtree.wrench)
-        spread, momentum = (
-            _rotated_spread(transform, subtree.spread),
-            _back(transform, subtree.momentum),
-        )
+        spread = _rotated_spread(transform, subtree.spread)
+        momentum = _back(transform, subtree.momentum)
         if step.shift is not None:
             later = pseudo[:3, MASS]
             extra = [

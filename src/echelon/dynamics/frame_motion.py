@@ -52,16 +52,12 @@ def accelerated(now: Accelerations, step: RecordedStep) -> Accelerations:
         )
         linear = add(linear, swing)
     before = into_frame(step, now.angular)
-    angular, angular_rate, linear = (
-        before,
-        into_frame(step, now.angular_rate),
-        into_frame(step, linear),
-    )
+    angular = before
+    angular_rate = into_frame(step, now.angular_rate)
+    linear = into_frame(step, linear)
     for freedom in step.freedoms:
-        turning, sliding = (
-            scale(freedom.angular, freedom.rate),
-            scale(freedom.linear, freedom.rate),
-        )
+        turning = scale(freedom.angular, freedom.rate)
+        sliding = scale(freedom.linear, freedom.rate)
         angular = add(angular, turning)
         angular_rate = add(
             angular_rate,

@@ -101,10 +101,8 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     )
     motion = _not_of_tree(mechanism, "constraint_forces", recorded.dependent_motion)
     forces = dict(zip(motion.dependent, recorded.forces(), strict=True))
-    found, shares = (
-        _labelled(motion.closing_wrenches(forces)),
-        _determined(mechanism, motion),
-    )
+    found = _labelled(motion.closing_wrenches(forces))
+    shares = _determined(mechanism, motion)
     kept = tuple(name for name, share in shares.items() if share > 1 - DETERMINED)
     if not kept:
         raise InputError(

@@ -313,11 +313,9 @@ def energy_changes(mechanism: Mechanism) -> BlockRows:
         for name in some
     }
     moved = Recorder(mechanism, program, second)
-    rates, blocks, first = (
-        _all_rates(recorder),
-        blocks_of(mechanism),
-        mechanism.first_column,
-    )
+    rates = _all_rates(recorder)
+    blocks = blocks_of(mechanism)
+    first = mechanism.first_column
     columns, changes = [], []
     for block in blocks:
         after: dict[int, _Rates] = {}

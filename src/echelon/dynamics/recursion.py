@@ -134,11 +134,9 @@ class ForwardPass:
     def __init__(
         self, recorder: Recorder, probes: Probes, gravity: Vec, *, sums: bool = False
     ) -> None:
-        self.recorder, self.mechanism, self._probes = (
-            recorder,
-            recorder.mechanism,
-            probes,
-        )
+        self.recorder = recorder
+        self.mechanism = recorder.mechanism
+        self._probes = probes
         self._sums = (
             sums and not probes.names
         )  # a sensor reads all of the moment on its way
@@ -216,10 +214,8 @@ class ForwardPass:
         """A rotation about a coordinate axis."""
         (freedom,) = step.freedoms
         axis, sign = motion.axis, motion.sign
-        angle, program = (
-            self.recorder.coordinates[motion.name].position[0],
-            self.recorder.program,
-        )
+        angle = self.recorder.coordinates[motion.name].position[0]
+        program = self.recorder.program
         c, s = angle.cos(), angle.sin() * sign
         way = 0 if parallel is None or not self._sums else _along(parallel, axis)
         if parallel is None or not way:
@@ -241,10 +237,8 @@ class ForwardPass:
             parallel.fixed,
         )
         back, unit = transpose(rotation), _with(self.recorder.zeros, axis, program.one)
-        angular, carried = (
-            apply(back, parallel.start.angular),
-            apply(back, parallel.start.angular_rate),
-        )
+        angular = apply(back, parallel.start.angular)
+        carried = apply(back, parallel.start.angular_rate)
         angular_rate = add(carried, cross(angular, scale(unit, way * parallel.rate)))
         # points on the axis move as before the rotation: where ω has no part along it, only ω̇ moves them
         along = (
@@ -266,10 +260,8 @@ class ForwardPass:
 
 
 def _moved(now: FrameMotion, before: Vec, freedom: Freedom) -> FrameMotion:
-    turning, sliding = (
-        scale(freedom.angular, freedom.rate),
-        scale(freedom.linear, freedom.rate),
-    )
+    turning = scale(freedom.angular, freedom.rate)
+    sliding = scale(freedom.linear, freedom.rate)
     coriolis = cross(before, sliding)
     rate = add(
         now.angular_rate,

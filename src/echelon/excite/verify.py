@@ -430,18 +430,14 @@ class LeastClearances:
         self, clearance: Clearance, trajectory: Trajectory, tolerance: float
     ) -> None:
         if trajectory.coordinates != clearance.mechanism.positions:
-            wanted, got = (
-                ", ".join(clearance.mechanism.positions),
-                ", ".join(trajectory.coordinates),
-            )
+            wanted = ", ".join(clearance.mechanism.positions)
+            got = ", ".join(trajectory.coordinates)
             raise InputError(
                 f"the trajectory must move the positions {wanted}, in this order; it moves {got}"
             )
-        self.clearance, self.trajectory, self.tolerance = (
-            clearance,
-            trajectory,
-            tolerance,
-        )
+        self.clearance = clearance
+        self.trajectory = trajectory
+        self.tolerance = tolerance
         self.most = [trajectory.bounds(order) for order in range(3)]
         bounds = MotionBounds(clearance.mechanism, self.most[0])
         shapes, pairs = clearance.shapes, clearance.pairs.tolist()

@@ -341,10 +341,8 @@ class _MotionPair:
         before, after = TO_AXIS[self.axis], TO_AXIS[self.motion.axis]
         matrix = _floats(before).T @ numbers @ _floats(after)
         if steps % STEPS_PER_HALF_TURN:
-            first, second = (
-                atan2(matrix[0, 2], -matrix[1, 2]),
-                atan2(matrix[2, 0], matrix[2, 1]),
-            )
+            first = atan2(matrix[0, 2], -matrix[1, 2])
+            second = atan2(matrix[2, 0], matrix[2, 1])
         else:
             first, second = atan2(matrix[1, 0], matrix[0, 0]), 0.0
         one, two = (
@@ -377,10 +375,8 @@ class _MotionPair:
         )
         sine = hypot(d[i], d[j])
         if sine > COMPUTED_ROUNDING:
-            gap, exact = (
-                abs(p[i] * d[j] - p[j] * d[i]) / sine,
-                place[i] * direction[j] - place[j] * direction[i],
-            )
+            gap = abs(p[i] * d[j] - p[j] * d[i]) / sine
+            exact = place[i] * direction[j] - place[j] * direction[i]
         else:
             gap, exact = hypot(p[i], p[j]), place[i] * place[i] + place[j] * place[j]
         element = self._element("distance of its axis from")

@@ -257,10 +257,8 @@ class _Builder:
             )
 
     def _closure(self, stated: LiteralClosure) -> Closure:
-        (first, offset), (second, other) = (
-            self._ride(stated.first),
-            self._ride(stated.second),
-        )
+        first, offset = self._ride(stated.first)
+        second, other = self._ride(stated.second)
         read, stem = self.snapping.placements, symbol_stem(stated.name)
         aim = (
             Placement() if stated.axis is None else self.snapping.aim(stated.axis, stem)
@@ -349,10 +347,8 @@ class _Builder:
             len(carried) == 1 and _is_fixed(carried[0]) and root.inertial is None
         ):  # such as a frame of the world
             place = self.tree.links.index(carried[0])
-            root, carried = (
-                carried[0],
-                [link for link in others if link.parent == place],
-            )
+            root = carried[0]
+            carried = [link for link in others if link.parent == place]
         floats = [link for link in carried if any(_floats(step) for step in link.steps)]
         if len(floats) == len(carried) == 1 and root.inertial is None:
             problem = (

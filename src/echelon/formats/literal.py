@@ -360,10 +360,8 @@ def roll_pitch_yaw(r: Floats) -> tuple[float, float, float]:
 def numeric_placement(placement: LiteralPlacement) -> Floats:
     """A literal placement as a homogeneous matrix, shape (4, 4)."""
     frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = (
-        rotation_matrix(*map(float, placement.rpy)),
-        [float(v) for v in placement.xyz],
-    )
+    frame[:3, :3] = rotation_matrix(*map(float, placement.rpy))
+    frame[:3, 3] = [float(v) for v in placement.xyz]
     if placement.inverse:
         frame[:3, 3] = -frame[:3, :3].T @ frame[:3, 3]
         frame[:3, :3] = frame[:3, :3].T.copy()

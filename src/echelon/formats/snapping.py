@@ -239,10 +239,8 @@ class Snapping:
 
     def rotation(self, angles: Triple, element: str, label: str) -> Placement:
         """A rotation by roll, pitch and yaw."""
-        placed, general = (
-            Placement(),
-            self.options.looped and self._is_general(angles, element),
-        )
+        placed = Placement()
+        general = self.options.looped and self._is_general(angles, element)
         for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
             value = angles[axis]
             if value:  # in a loop a frame of a general orientation is near a multiple of 15° by chance

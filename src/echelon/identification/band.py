@@ -425,10 +425,8 @@ def _noisier(
     rng: np.random.Generator,
 ) -> Segment:
     """A segment with normal noise added that has the spectra of what its signals hold."""
-    signals, frequencies = (
-        dict(segment.signals),
-        np.fft.rfftfreq(len(segment), 1 / segment.rate),
-    )
+    signals = dict(segment.signals)
+    frequencies = np.fft.rfftfreq(len(segment), 1 / segment.rate)
     for name, some in spectra.items():
         power = np.stack(
             [np.interp(frequencies, s.frequencies, s.noise) for s in some], axis=1

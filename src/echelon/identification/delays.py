@@ -94,10 +94,8 @@ def _residuals(
     count = len(base.mechanism.outputs)
     matrices: list[list[Floats]] = [[] for _ in range(count)]
     values: list[list[Floats]] = [[] for _ in range(count)]
-    least, fast = (
-        SAMPLED * (preparation.band or np.inf),
-        WHOLE / sum(len(segment) for segment in segments),
-    )
+    least = SAMPLED * (preparation.band or np.inf)
+    fast = WHOLE / sum(len(segment) for segment in segments)
     left = WHOLE if fast * segments[0].rate > least else LOOKED_AT
     for segment in segments:
         if len(segment) / segment.rate < 10 * LONGEST_DELAY or left <= 0:

@@ -190,10 +190,8 @@ def first_look(setup: Setup, paths: Sequence[Path]) -> FirstLook:
         ModelRows.of(base, samples).observation(), base.units
     )
     seen = conditioning(observation, 1 / noise_estimate(observation), base)
-    seconds, travels = (
-        sum(len(s) / s.rate for s in samples),
-        tuple(_travels(base, samples)),
-    )
+    seconds = sum(len(s) / s.rate for s in samples)
+    travels = tuple(_travels(base, samples))
     return FirstLook(base, seconds, setup.columns, surveyed, travels, seen)
 
 
@@ -225,10 +223,8 @@ def _travels_in(of: Mechanism, samples: Sequence[Samples]) -> Iterator[Travel]:
         np.concatenate([getattr(some, name) for some in samples])
         for name in ("q", "qd")
     )
-    names, rates = (
-        signal_names(of, "q", q.shape[1]),
-        signal_names(of, "qd", qd.shape[1]),
-    )
+    names = signal_names(of, "q", q.shape[1])
+    rates = signal_names(of, "qd", qd.shape[1])
     speeds: dict[str, Floats] = dict(zip(rates, qd.T, strict=True))
     for name, values in zip(names, q.T, strict=True):
         speed = float(np.abs(speeds[name]).max()) if name in speeds else float("nan")

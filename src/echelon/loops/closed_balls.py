@@ -209,10 +209,8 @@ class ClosedBalls:
     ) -> Values:
         """Values of inputs, (motions · poses,), at random motions through the poses."""
         there, chosen = self.poses
-        jacobian, q = (
-            self._closure(there, self._names)[1],
-            {name: np.tile(x, motions) for name, x in there.items()},
-        )
+        jacobian = self._closure(there, self._names)[1]
+        q = {name: np.tile(x, motions) for name, x in there.items()}
         shape, count = (len(self._names), motions, len(chosen)), motions * len(chosen)
         rates = _zeros(shape)
         if not at_rest:
@@ -280,10 +278,8 @@ class ClosedBalls:
             chosen = chosen or jacobian.chosen(self._held)
             step = _middle(jacobian.completed(chosen, none, values[:, None])[:, 0])
             q = {name: _middle(x) for name, x in self._moved(q, step).items()}
-            before, size = (
-                size,
-                max((abs(x).upper() for x in step.flat), default=flint.arb(0)),
-            )
+            before = size
+            size = max((abs(x).upper() for x in step.flat), default=flint.arb(0))
         # beyond what is left, the square of half of the digits, and so small that its own square is less than rounding
         return self._enclosed(
             q, chosen, _power_of_two(-2 * flint.ctx.prec // 3)
@@ -337,10 +333,8 @@ class ClosedBalls:
         moves = dict(zip(self._names, change, strict=True))
         result = {name: x + moves[name] for name, x in q.items() if name in moves}
         for positions, velocities in self._balls:
-            here, half = (
-                [q[name] for name in positions],
-                [moves[name] / 2 for name in velocities],
-            )
+            here = [q[name] for name in positions]
+            half = [moves[name] / 2 for name in velocities]
             turned = [
                 x + step
                 for x, step in zip(here, quaternion_times(here, half), strict=True)
@@ -357,10 +351,8 @@ class ClosedBalls:
 
     def _closure(self, q: Values, names: Sequence[str]) -> tuple[Balls, _Jacobian]:
         """Values of the equations, (equations, poses), and their derivatives by freedoms."""
-        found, count = (
-            self._run(self._closing, _inputs("q", q)),
-            len(self.loops.equations.equations),
-        )
+        found = self._run(self._closing, _inputs("q", q))
+        count = len(self.loops.equations.equations)
         places = [
             (k, row, name)
             for k, (row, name) in enumerate(self.loops.equations.jacobian)
@@ -395,10 +387,8 @@ class ClosedBalls:
         """Virtual velocities that keep the loops closed, at motions through poses."""
         speeds = list(self.loops.speeds or ())
         names = [*self._names, *(name for name in speeds if name not in self._names)]
-        given, shape = (
-            [names.index(name) for name in speeds],
-            (len(names), motions, len(next(iter(q.values())))),
-        )
+        given = [names.index(name) for name in speeds]
+        shape = (len(names), motions, len(next(iter(q.values()))))
         free = random_balls(rng, shape) if self.loops.speeds is None else _zeros(shape)
         if given:
             free[given] = self._run(self._speeds, values).reshape(-1, *shape[1:])
@@ -449,10 +439,8 @@ def closed_states(
     DegenerateSampleError
         If the loops do not close at other values.
     """
-    values, wanted = (
-        [{**loops.values, **given} for given in at],
-        np.tile(poses, (len(at), 1)),
-    )
+    values = [{**loops.values, **given} for given in at]
+    wanted = np.tile(poses, (len(at), 1))
     if any(given != loops.values for given in values):
         floats = [floats_of(given) for given in values]
         spread = {

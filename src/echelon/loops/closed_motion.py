@@ -236,10 +236,8 @@ class ClosedMotion:
         symbols: Mapping[str, float] | None = None,
         equations: ClosureEquations | None = None,
     ) -> None:
-        self.mechanism, self.closures = (
-            mechanism,
-            ClosureValues(mechanism, symbols, equations),
-        )
+        self.mechanism = mechanism
+        self.closures = ClosureValues(mechanism, symbols, equations)
         self.symbols = symbols
         self.explained = (
             EXPLAINED * mechanism.rounding

@@ -90,10 +90,8 @@ class _Real:
     """The mechanism in double precision, near its own pose."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism, self.loops = (
-            mechanism,
-            loops_of(mechanism, Recorder(mechanism, Program())),
-        )
+        self.mechanism = mechanism
+        self.loops = loops_of(mechanism, Recorder(mechanism, Program()))
         self.assembly = self.loops.assembly
         pose = self.assembly.pose
         if self.assembly.assembled is not None and has_values(mechanism):
@@ -140,10 +138,8 @@ class _Real:
 
     def independent(self, first: Sequence[str]) -> tuple[str, ...]:
         """Coordinates that the others depend on; see :func:`independent_coordinates`."""
-        chosen, here = (
-            self._chosen(self.velocities, first),
-            self.assembly.free_velocities(self.assembly.pose),
-        )
+        chosen = self._chosen(self.velocities, first)
+        here = self.assembly.free_velocities(self.assembly.pose)
         columns = [self.mechanism.velocities.index(name) for name in chosen]
         if (
             not first

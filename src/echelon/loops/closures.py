@@ -115,10 +115,8 @@ class _Loop:
     def conditions(self) -> Iterator[tuple[Scalar, tuple[Wrench, Wrench]]]:
         """Every equation with its unit wrench: on the first body, and on the second, each in the axes of its frame."""
         zeros, units = self.recorder.zeros, identity(self.recorder.program)
-        (axes, origin), (other_axes, other_origin) = (
-            self._frame(self.first),
-            self._frame(self.second),
-        )
+        axes, origin = self._frame(self.first)
+        other_axes, other_origin = self._frame(self.second)
         difference = add(other_origin, _negative(origin))
         positions = self.closure.kind.positions
         seen = _back(self.first, other_origin)

@@ -41,11 +41,9 @@ class DependentMotion:
             mechanism, self._recorder, Probes(mechanism, self._recorder)
         )
         rows = [row for row, kept in enumerate(_kept(mechanism)) if kept]
-        self._owners, self._wrenches, self._is_length = (
-            found.owners,
-            found.wrenches,
-            found.is_length,
-        )
+        self._owners = found.owners
+        self._wrenches = found.wrenches
+        self._is_length = found.is_length
         self._openings = {row: Scalar(program, found.equations[row]) for row in rows}
         self._columns: dict[str, dict[int, Scalar]] = {}
         for (row, name), node in found.jacobian.items():

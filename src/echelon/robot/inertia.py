@@ -234,12 +234,10 @@ def _about_centre(values: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _read_principal(values: Floats) -> Floats:
-    mass, centre, quaternion, moments = (
-        values[..., 0],
-        values[..., 1:4],
-        values[..., 4:8],
-        values[..., 8:11],
-    )
+    mass = values[..., 0]
+    centre = values[..., 1:4]
+    quaternion = values[..., 4:8]
+    moments = values[..., 8:11]
     axes = rotation_of(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
     tensor = axes @ (moments[..., :, None] * np.swapaxes(axes, -1, -2))
     return from_tensor(tensor + _steiner(mass, centre), mass[..., None] * centre, mass)

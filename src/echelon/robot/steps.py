@@ -277,14 +277,12 @@ class Recorder:
         w, x, y, z = coordinates.position
         two = self.program.constant(2)
         xx, yy, zz = two * x * x, two * y * y, two * z * z
-        xy, xz, yz, wx, wy, wz = (
-            two * x * y,
-            two * x * z,
-            two * y * z,
-            two * w * x,
-            two * w * y,
-            two * w * z,
-        )
+        xy = two * x * y
+        xz = two * x * z
+        yz = two * y * z
+        wx = two * w * x
+        wy = two * w * y
+        wz = two * w * z
         one = self.program.one
         rotation: Mat = (
             (one - yy - zz, xy - wz, xz + wy),

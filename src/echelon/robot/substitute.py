@@ -135,10 +135,8 @@ def inexact_coupling(mechanism: Mechanism) -> tuple[str, str] | None:
     """A coupling by which something turns without exact sines: where it is stated, and why; None if there is none."""
     sliding = _sliding(mechanism)
     for coupling in mechanism.couplings:
-        turns, where = (
-            coupling.coordinate not in sliding,
-            f"coupling of '{coupling.coordinate}'",
-        )
+        turns = coupling.coordinate not in sliding
+        where = f"coupling of '{coupling.coordinate}'"
         for name, function in coupling.terms:
             ratio = function.ratio
             if ratio is None:

@@ -486,10 +486,8 @@ def parse_xml(text: str | bytes, source: str) -> Any:
         )
 
     # a text is decoded already, whatever encoding it declares
-    builder, parser = (
-        TreeBuilder(),
-        expat.ParserCreate("utf-8" if isinstance(text, str) else None),
-    )
+    builder = TreeBuilder()
+    parser = expat.ParserCreate("utf-8" if isinstance(text, str) else None)
     parser.buffer_text = True
     parser.StartDoctypeDeclHandler = refuse
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end

@@ -352,10 +352,8 @@ class SparseInterpolation:
         failed = [n for n in growing if len(n.terms) > self.work.terms]
         growing = [n for n in growing if len(n.terms) <= self.work.terms]
         while growing:
-            points, nodes = (
-                max(len(n.terms) for n in growing),
-                max(len(bases[n.index]) for n in growing),
-            )
+            points = max(len(n.terms) for n in growing)
+            nodes = max(len(bases[n.index]) for n in growing)
             solving = sum(len(n.terms) ** 3 for n in growing) * SOLVING
             if self.work.take(points * nodes * self.unknown.cost + solving):
                 break

@@ -109,12 +109,10 @@ class _Interpolation:
         work: Work,
         most_primes: int,
     ) -> None:
-        self.unknown, self.rng, self.work, self.most_primes = (
-            unknown,
-            rng,
-            work,
-            most_primes,
-        )
+        self.unknown = unknown
+        self.rng = rng
+        self.work = work
+        self.most_primes = most_primes
 
     def run(self) -> list[RationalFunction | None]:
         if not self.unknown.degrees:

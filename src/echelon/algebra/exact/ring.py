@@ -129,16 +129,12 @@ class Ring:
         for index, element, square in self.squares:
             if not degrees[index]:
                 continue
-            (p, q), (a, b) = (
-                self._split(top, index, square),
-                self._split(bottom, index, square),
-            )
+            p, q = self._split(top, index, square)
+            a, b = self._split(bottom, index, square)
             top, bottom = p + q * element, a
             if b:
-                top, bottom = (
-                    p * a - q * b * square + (q * a - p * b) * element,
-                    a * a - b * b * square,
-                )
+                top = p * a - q * b * square + (q * a - p * b) * element
+                bottom = a * a - b * b * square
         return top, bottom
 
     def _split(self, polynomial: Any, index: int, square: Any) -> tuple[Any, Any]:

@@ -186,12 +186,10 @@ class RealPoints:
                 for n in self._inputs
                 if (g := self.program.inputs[n]).name in values
             }
-            search, previous = (
-                RegionSearch(
-                    RealValues(self._surfaces, numbers), random_generator(DEFAULT_SEED)
-                ),
-                values,
+            search = RegionSearch(
+                RealValues(self._surfaces, numbers), random_generator(DEFAULT_SEED)
             )
+            previous = values
             if search.regions:
                 search.run()
                 return search, values
@@ -215,10 +213,8 @@ class RealPoints:
 
     def signs(self, states: int) -> dict[int, SignArray]:
         """Values of signs, by node, at states of all regions in turn."""
-        regions, place = (
-            self._found[0].regions,
-            {n: k for k, n in enumerate(self._surfaces.nodes)},
-        )
+        regions = self._found[0].regions
+        place = {n: k for k, n in enumerate(self._surfaces.nodes)}
         table = np.stack(
             [regions[k % len(regions)].signs for k in range(states)], axis=1
         )
@@ -334,11 +330,9 @@ class RealPoints:
             tried = table + size * directions
             found, total = excess(tried)
             inside = np.isfinite(total)
-            table, sizes, cost = (
-                np.where(inside, tried, table),
-                np.where(inside, found, sizes),
-                np.where(inside, total, cost),
-            )
+            table = np.where(inside, tried, table)
+            sizes = np.where(inside, found, sizes)
+            cost = np.where(inside, total, cost)
         cones = [
             [k for k, n in enumerate(nodes) if n in self.program.needed([steep])]
             for steep in self._steep
@@ -355,11 +349,9 @@ class RealPoints:
             tried[moved, np.arange(count)] *= 2.0 ** rng.integers(-4, 5, count)
             found, total = excess(tried)
             better = total < cost
-            table, sizes, cost = (
-                np.where(better, tried, table),
-                np.where(better, found, sizes),
-                np.minimum(total, cost),
-            )
+            table = np.where(better, tried, table)
+            sizes = np.where(better, found, sizes)
+            cost = np.minimum(total, cost)
         return self._normal(dict(zip(nodes, table, strict=True)))
 
     def _normal(self, states: States) -> States:

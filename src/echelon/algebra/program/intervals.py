@@ -168,10 +168,8 @@ def _wave(first: Floats, last: Floats, start: Floats, end: Floats) -> Interval:
     """Bounds of a cosine, given at the ends, over some turns: 1 at every whole turn, −1 at every half."""
     top = ~(np.floor(end + _SLACK) < np.ceil(start - _SLACK))
     bottom = ~(np.floor(end - 0.5 + _SLACK) < np.ceil(start - 0.5 - _SLACK))
-    least, largest = (
-        np.minimum(first, last) - _ROUNDING,
-        np.maximum(first, last) + _ROUNDING,
-    )
+    least = np.minimum(first, last) - _ROUNDING
+    largest = np.maximum(first, last) + _ROUNDING
     return np.where(bottom, -1.0, np.maximum(least, -1.0)), np.where(
         top, 1.0, np.minimum(largest, 1.0)
     )

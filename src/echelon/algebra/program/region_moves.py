@@ -74,11 +74,9 @@ def descended(
         better = _violation(found, wanted[:, left], scale[:, left])
         kept = better < cost[left]
         chosen = left[kept]
-        points[:, chosen], table[:, chosen], cost[chosen] = (
-            tried[:, kept],
-            found[:, kept],
-            better[kept],
-        )
+        points[:, chosen] = tried[:, kept]
+        table[:, chosen] = found[:, kept]
+        cost[chosen] = better[kept]
     return points
 
 

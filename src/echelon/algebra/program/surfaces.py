@@ -262,10 +262,8 @@ class RealValues:
 
     def in_domain(self, values: Floats) -> npt.NDArray[np.bool_]:
         """Which points are in the domain."""
-        first, last = (
-            len(self.surfaces.nodes),
-            len(self.surfaces.nodes) + len(self.surfaces.positive),
-        )
+        first = len(self.surfaces.nodes)
+        last = len(self.surfaces.nodes) + len(self.surfaces.positive)
         good = (
             ~np.isnan(values).any(axis=0)
             & (values[first:last] > 0).all(axis=0)
@@ -328,10 +326,8 @@ class RealValues:
 
     def vanishing(self, points: Floats) -> frozenset[int]:
         """Surfaces that ball arithmetic cannot tell from zero at any of some points of the domain."""
-        count, suspects = (
-            len(self.surfaces.nodes),
-            set(self.surfaces.nodes) - set(self.variables),
-        )
+        count = len(self.surfaces.nodes)
+        suspects = set(self.surfaces.nodes) - set(self.variables)
         for point in points.T:
             if not suspects:
                 break

@@ -94,11 +94,9 @@ def to_sympy(
     for node in program.needed(outputs, formulas):
         if node in formulas:
             continue
-        op, a, b = (
-            Op(program.ops[node]),
-            formulas.get(program.lhs[node]),
-            formulas.get(program.rhs[node]),
-        )
+        op = Op(program.ops[node])
+        a = formulas.get(program.lhs[node])
+        b = formulas.get(program.rhs[node])
         if op is Op.INPUT:
             formulas[node] = sympy.Symbol(program.inputs[node].name)
         elif op is Op.CONSTANT:

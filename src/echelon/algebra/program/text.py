@@ -132,12 +132,10 @@ class _Recorder:
     def __init__(
         self, text: str, names: Mapping[str, Scalar], program: Program, rounded: bool
     ) -> None:
-        self.text, self.names, self.program, self.rounded = (
-            text,
-            names,
-            program,
-            rounded,
-        )
+        self.text = text
+        self.names = names
+        self.program = program
+        self.rounded = rounded
 
     def record(self, node: ast.expr) -> Scalar:
         match node:
@@ -199,10 +197,8 @@ class _Recorder:
             if constant is None:
                 rest = rest + sign * self.record(term)
             else:
-                half_turns, radians = (
-                    half_turns + sign * constant.half_turns,
-                    radians + sign * constant.radians,
-                )
+                half_turns = half_turns + sign * constant.half_turns
+                radians = radians + sign * constant.radians
         phase = Angle(half_turns, (), radians)
         steps = phase.half_turns * STEPS_PER_HALF_TURN
         if self.rounded and (phase.radians or steps.denominator > 1):

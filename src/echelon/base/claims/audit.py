@@ -143,10 +143,8 @@ def _listed(claims: Sequence[Claim]) -> str:
 def _compare(model: BaseModel, read: _ReadClaims, naming: Naming) -> Audit:
     claims, rows = read.claims, read.rows
     rng = np.random.default_rng(model.seed)
-    geometry, precision = (
-        RobotNumbers.of(model),
-        precision_of(claim.text for claim in claims),
-    )
+    geometry = RobotNumbers.of(model)
+    precision = precision_of(claim.text for claim in claims)
     matrix = led_by(model.matrix, rows, rng)
     stated = [ClaimFinding(number, claim) for number, claim in enumerate(claims, 1)]
     found = [

@@ -126,10 +126,8 @@ def _from_table(text: str) -> tuple[Claim, ...]:
         (titles.index(header) for header in _HEADERS if header in titles), None
     )
     if column is None:
-        titles, column = (
-            [str(k + 1) for k in range(max(len(row) for _, row in rows))],
-            0,
-        )
+        titles = [str(k + 1) for k in range(max(len(row) for _, row in rows))]
+        column = 0
     else:
         rows = rows[1:]
     claims = []

@@ -179,11 +179,9 @@ def _rounds(
                 _Block(joined.part(k, k + length), number + k)
                 for k in range(0, whole, length)
             ]
-            waiting, number, ready = (
-                [joined.part(whole, ready)],
-                number + whole,
-                ready - whole,
-            )
+            waiting = [joined.part(whole, ready)]
+            number = number + whole
+            ready = ready - whole
         waiting[-1] = waiting[-1].copy()
     if ready:
         rest = BatchArguments.joined(waiting)

@@ -114,10 +114,8 @@ def _names(stated: Clearance, first: int, second: int) -> str:
 
 def _touching(stated: Clearance, pair: int, distances: Floats) -> str:
     """A sentence about shapes that overlap in all poses; obstacles may do so only where no motion changes it."""
-    label, names = (
-        stated.labels[stated.groups[pair]],
-        _names(stated, *stated.pairs[pair].tolist()),
-    )
+    label = stated.labels[stated.groups[pair]]
+    names = _names(stated, *stated.pairs[pair].tolist())
     largest = float(distances.max())
     shapes = [stated.shapes[k] for k in stated.pairs[pair]]
     if any(shape.obstacle for shape in shapes) and np.ptp(distances) >= STILL:

@@ -88,11 +88,9 @@ class Engine:
         distance, model, now = self._mujoco.mj_geomDistance, self._model, -1
         for k, (state, first, second) in enumerate(asked.tolist()):
             if state != now:
-                data.geom_xpos[:], data.geom_xmat[:], now = (
-                    origins[state],
-                    rotations[state],
-                    state,
-                )
+                data.geom_xpos[:] = origins[state]
+                data.geom_xmat[:] = rotations[state]
+                now = state
             distances[k] = distance(model, data, first, second, reach, points[k])
         return Measured(distances, points.reshape(-1, 2, 3))
 
@@ -107,10 +105,8 @@ class Engine:
     def _compiled(self) -> Any:
         mujoco = self._mujoco
         spec = mujoco.MjSpec()
-        spec.option.ccd_tolerance, spec.option.ccd_iterations = (
-            CCD_TOLERANCE,
-            CCD_ITERATIONS,
-        )
+        spec.option.ccd_tolerance = CCD_TOLERANCE
+        spec.option.ccd_iterations = CCD_ITERATIONS
         for k, shape in enumerate(self.shapes):
             if shape.core is None or shape.kind in (
                 ShapeKind.SPHERE,
@@ -293,10 +289,8 @@ class Clearance(StateConstraint):
         slopes = np.zeros((*found.distances.shape, np.shape(q)[1]))
         if len(states):
             frames, moved = self.kinematics.frames(q), self.kinematics.slopes(q)
-            points, distances = (
-                found.points[states, columns],
-                found.distances[states, columns],
-            )
+            points = found.points[states, columns]
+            distances = found.distances[states, columns]
             normals = _normals(points, distances)
             for side, sign in ((0, -1.0), (1, 1.0)):
                 bodies = np.array([pair[side][0] for pair in self.owners])[columns]

@@ -255,10 +255,8 @@ class Problem:
             self.states(step), self._motion_slopes, axes=([1, 2], [1, 2])
         )
         with np.errstate(divide="ignore", invalid="ignore"):
-            below, above = (
-                (self.low[limits] - still) / moved,
-                (self.high[limits] - still) / moved,
-            )
+            below = (self.low[limits] - still) / moved
+            above = (self.high[limits] - still) / moved
             room = np.where(moved > 0, above, np.where(moved < 0, below, np.inf))
         return max(float(room.min(initial=np.inf)), 0.0)
 

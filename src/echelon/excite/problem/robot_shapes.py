@@ -212,11 +212,9 @@ def _collision(
     element: Any, name: str, link: str, place: Place, file: RobotFile
 ) -> Shape:
     """A collision element of a link, placed in the frame of the body that carries the link."""
-    xml, where, geometry = (
-        ExactXml(file.source),
-        f"collision of link '{link}'",
-        element.find("geometry"),
-    )
+    xml = ExactXml(file.source)
+    where = f"collision of link '{link}'"
+    geometry = element.find("geometry")
     form: Any = None if geometry is None or len(geometry) == 0 else geometry[0]
     body, placement = place[0], place[1] @ numeric_placement(xml.origin(element, where))
 
@@ -299,10 +297,8 @@ def mjcf_geometry(
 def _remove_others(spec: Any, directory: Path) -> list[tuple[int, str]]:
     """Remove all but geoms that collide and can be read; the bodies of those that cannot, with what is wrong."""
     remove_groups(spec, (*IRRELEVANT, "equalities"))  # some refer to what is taken away
-    absent, files = (
-        absent_meshes(spec, directory),
-        {mesh_name(mesh): mesh.file for mesh in spec.meshes},
-    )
+    absent = absent_meshes(spec, directory)
+    files = {mesh_name(mesh): mesh.file for mesh in spec.meshes}
     lost = []
     owned = [(k, geom) for k, body in enumerate(spec.bodies) for geom in body.geoms]
     for place, geom in owned:

@@ -147,10 +147,8 @@ class StateLimits(Enclosed):
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, m)."""
         least, largest = enclosures_of(self.function, self.uniform, ranges)
-        low, high = (
-            np.zeros((len(least), len(self.labels))),
-            np.zeros((len(least), len(self.labels))),
-        )
+        low = np.zeros((len(least), len(self.labels)))
+        high = np.zeros((len(least), len(self.labels)))
         rows = [row for (row,) in self.function.entries]
         low[:, rows], high[:, rows] = least, largest
         return low, high
@@ -179,10 +177,8 @@ def enclosures_of(
     function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval]
 ) -> Interval:
     """Bounds of a function's entries while states stay in intervals, shape (cells, entries)."""
-    cells, together = (
-        len(ranges["q"][0]),
-        max(NUMBERS_AT_ONCE // max(len(function.program), 1), 16),
-    )
+    cells = len(ranges["q"][0])
+    together = max(NUMBERS_AT_ONCE // max(len(function.program), 1), 16)
     blocks = [slice(k, k + together) for k in range(0, cells, together)]
     parts = [_enclosed(function, uniform, ranges, block) for block in blocks]
     return np.concatenate([low for low, _ in parts]), np.concatenate(
@@ -272,10 +268,8 @@ def point_limits(mechanism: Mechanism, limits: Sequence[PointLimit]) -> StateLim
     arguments = Arguments(mechanism, program, {}).of(("q", "symbols"), entries.values())
     function = Function("points", program, arguments, entries, (_axis(limits),))
     uniform = geometry_values(mechanism, arguments)
-    low, high = (
-        np.array([limit.low for limit in limits]),
-        np.array([limit.high for limit in limits]),
-    )
+    low = np.array([limit.low for limit in limits])
+    high = np.array([limit.high for limit in limits])
     return StateLimits(
         _axis(limits), ("m",) * len(limits), low, high, function, uniform
     )

@@ -94,10 +94,8 @@ def start_pose(
             f"the pose at which motions start breaks the limits of {names}",
             element="centre",
         )
-    low, high = (
-        np.where(np.isfinite(low), low, pose - np.pi),
-        np.where(np.isfinite(high), high, pose + np.pi),
-    )
+    low = np.where(np.isfinite(low), low, pose - np.pi)
+    high = np.where(np.isfinite(high), high, pose + np.pi)
     search = _PoseSearch(free, low, high, constraints, seed)
     return search.roomier(search.feasible(pose) if over.any() else pose)
 
@@ -349,10 +347,8 @@ def family(entry: ExcitationEntry, count: int) -> Basis:
         if entry.harmonics is None
         else entry.harmonics
     )
-    series, splines = (
-        Fourier(duration, harmonics),
-        uniform_splines(duration, entry.segments),
-    )
+    series = Fourier(duration, harmonics)
+    splines = uniform_splines(duration, entry.segments)
     return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[
         entry.family
     ]

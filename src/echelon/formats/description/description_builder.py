@@ -163,10 +163,8 @@ class _Tree:
             raise expressions.error("floating_base", problem)
         if floating and (first is None or first.moves):
             # the base becomes a body, because the first part moves against it
-            name, joint = (
-                unused(BASE, {part.name for part in parts}),
-                Joint(BASE, "floating", floating_motions(BASE)),
-            )
+            name = unused(BASE, {part.name for part in parts})
+            joint = Joint(BASE, "floating", floating_motions(BASE))
             self.lumped.add_base(
                 Body(name, "0", GROUND, joint, () if BASE in options.massless else ALL)
             )
@@ -503,10 +501,8 @@ class Joints:
         first = (
             self._along(row, Z, "gamma", "b", path, stem) if modified else Placement()
         )
-        along_z, along_x = (
-            self._along(row, Z, "theta", "d", path, stem),
-            self._along(row, X, "alpha", "a", path, stem),
-        )
+        along_z = self._along(row, Z, "theta", "d", path, stem)
+        along_x = self._along(row, X, "alpha", "a", path, stem)
         # turns about an axis and shifts along it commute, and so does the motion with those about and along z
         return merge(
             (first @ along_x @ along_z, *motion)
@@ -599,10 +595,8 @@ class Joints:
         for index, step in enumerate(joint.steps):
             here = f"{path}.steps[{index}]"
             if isinstance(step, MotionStep):
-                (axis, sign), pitch = (
-                    coordinate_axis(step.axis),
-                    self.expressions.length(step.pitch, f"{here}.pitch"),
-                )
+                axis, sign = coordinate_axis(step.axis)
+                pitch = self.expressions.length(step.pitch, f"{here}.pitch")
                 if pitch and step.motion != "screw":
                     raise self.expressions.error(
                         f"{here}.pitch",

@@ -22,11 +22,9 @@ _UNIVERSAL = re.compile(r"UJOINT_([XYZ])([XYZ])")
 
 def as_description(document: Document) -> Document:
     """The equivalent description."""
-    pairs, joints, motors = (
-        _items(document, _PAIRS),
-        _items(document, "joint_name"),
-        _items(document, "name_mot"),
-    )
+    pairs = _items(document, _PAIRS)
+    joints = _items(document, "joint_name")
+    motors = _items(document, "name_mot")
     kinds = _of_each(document, "type", _PAIRS, pairs, "6d")
     types = _of_each(document, "joint_type", "joint_name", joints, None)
     path = PurePath(document.source)

@@ -137,12 +137,10 @@ class Additions:
         expressions: Expressions,
         find: FindPart,
     ) -> None:
-        self.mechanism, self.robot, self.expressions, self.find = (
-            mechanism,
-            robot,
-            expressions,
-            find,
-        )
+        self.mechanism = mechanism
+        self.robot = robot
+        self.expressions = expressions
+        self.find = find
         self.springs: list[_Spring] = []
 
     def added(self) -> Mechanism:
@@ -414,10 +412,8 @@ class Additions:
                     f"{path}.body", f"'{entry.body}' is fixed to the ground"
                 )
             kind, name = ContactKind(entry.type), entry.name or entry.body
-            rolls, stated = (
-                kind is ContactKind.ROLLING,
-                "radius" in entry.model_fields_set,
-            )
+            rolls = kind is ContactKind.ROLLING
+            stated = "radius" in entry.model_fields_set
             if rolls != stated:
                 raise self.expressions.error(
                     f"{path}.radius",
@@ -529,10 +525,8 @@ class Additions:
         self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str
     ) -> Placement:
         """The frame of the second body that coincides with that of the first one while all coordinates are zero."""
-        bodies, symbols = (
-            self.mechanism.bodies,
-            {**self.mechanism.symbols, **self.expressions.named},
-        )
+        bodies = self.mechanism.bodies
+        symbols = {**self.mechanism.symbols, **self.expressions.named}
         try:
             return second_frame(
                 kind,

@@ -56,10 +56,8 @@ def placements_of(
     # angles, the remainder
     if hypot(matrix[0, 0], matrix[1, 0]) >= GIMBAL_LOCK:
         return (LiteralPlacement(element, xyz, _rpy(matrix)),)
-    pitch, yaw = (
-        (pi / 2 if matrix[2, 0] < 0 else -pi / 2),
-        atan2(-matrix[0, 1], matrix[1, 1]),
-    )
+    pitch = pi / 2 if matrix[2, 0] < 0 else -pi / 2
+    yaw = atan2(-matrix[0, 1], matrix[1, 1])
     locked = LiteralPlacement(element, xyz, (0, exact_angle(pitch), exact_angle(yaw)))
     remainder = _rpy(rotation_matrix(0.0, pitch, float(locked.rpy[2])).T @ matrix)
     return (

@@ -126,10 +126,8 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
             if drives_joint(actuator)
         )
     )
-    drives, keyframes = (
-        stated_drives(spec),
-        {str(k.name) or str(n): list(k.qpos) for n, k in enumerate(spec.keys)},
-    )
+    drives = stated_drives(spec)
+    keyframes = {str(k.name) or str(n): list(k.qpos) for n, k in enumerate(spec.keys)}
     sensors = Sensors(spec)
     reader = _MjcfReader(compile_spec(spec, document), source)
     loops = [equality for equality in equalities if equality not in couples]
@@ -304,10 +302,8 @@ class _MjcfReader:
         yield from displaced(where, kind, axis, displacement, motion)
 
     def _inertial(self, index: int, name: str) -> tuple[float, ...] | None:
-        mass, moments = (
-            float(self.model.body_mass[index]),
-            np.array(self.model.body_inertia[index]),
-        )
+        mass = float(self.model.body_mass[index])
+        moments = np.array(self.model.body_inertia[index])
         stated = self.bodies[name].explicitinertial or mass > _SOME_MASS
         if not stated or name in self.compiled.unknown:
             return None

@@ -134,10 +134,8 @@ class UrdfLoops(ExactXml):
         if (parent, child, element.get("type")) == (WORLD, root, "fixed"):
             return None  # the root is fixed anyway
         kind = self._kind(element, where, _OF_SDF)
-        first, second = (
-            self._index(child, "child", where),
-            self._index(parent, "parent", where),
-        )
+        first = self._index(child, "child", where)
+        second = self._index(parent, "parent", where)
         pose = element.find("pose")
         if pose is not None and pose.get("relative_to", child) != child:
             problem = f"its pose is stated in '{pose.get('relative_to')}': state it in the child link, or {self.advice}"

@@ -158,10 +158,8 @@ class UrdfReader(ExactXml):
         carried: dict[str, str] = {}
         self.children: dict[str, list[str]] = {name: [] for name in self.links}
         for name, joint in self.joints.items():
-            parent, child = (
-                self._end(joint, "parent", name),
-                self._end(joint, "child", name),
-            )
+            parent = self._end(joint, "parent", name)
+            child = self._end(joint, "child", name)
             if parent == child:
                 raise self.error(f"link '{child}' is its own parent", f"joint '{name}'")
             if child in carried:
@@ -187,11 +185,9 @@ class UrdfReader(ExactXml):
 
     def _beside(self, name: str) -> str:
         """How a joint that closes a loop is stated in a description beside the file."""
-        joint, where, file = (
-            self.joints[name],
-            f"joint '{name}'",
-            PurePath(self.source).name,
-        )
+        joint = self.joints[name]
+        where = f"joint '{name}'"
+        file = PurePath(self.source).name
         kind = joint.get("type")
         if kind == "floating":
             return "take this joint out, as it constrains nothing"
@@ -281,10 +277,8 @@ class UrdfReader(ExactXml):
         if element is None:
             return None
         mass = self._attribute(element.find("mass"), "value", f"{where} mass")
-        inertia, keys = (
-            element.find("inertia"),
-            ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
-        )
+        inertia = element.find("inertia")
+        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         moments = [self._attribute(inertia, name, f"{where} inertia") for name in keys]
         frame = numeric_placement(self.origin(element, where))
         return central_inertial(mass, frame[:3, 3], moments, frame[:3, :3])

@@ -59,10 +59,8 @@ class NamedModel:
         world = [
             e for part in self.editor.root.findall("worldbody") for e in part.iter()
         ]
-        bodies, joints = (
-            [e for e in world if e.tag == "body"],
-            [e for e in world if e.tag in JOINTS],
-        )
+        bodies = [e for e in world if e.tag == "body"]
+        joints = [e for e in world if e.tag in JOINTS]
         self.bodies = {
             e: str(made.name)
             for e, made in zip(bodies, self.spec.bodies[1:], strict=False)
@@ -127,12 +125,10 @@ class MjcfEditor:
         model: NamedModel,
         source: str,
     ) -> None:
-        self.mechanism, self.values, self.model, self.source = (
-            mechanism,
-            values,
-            model,
-            source,
-        )
+        self.mechanism = mechanism
+        self.values = values
+        self.model = model
+        self.source = source
         self.editor = model.editor
         self.indices = {
             b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR

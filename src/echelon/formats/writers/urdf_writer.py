@@ -79,12 +79,10 @@ class UrdfEditor:
     def __init__(
         self, mechanism: Mechanism, values: IdentifiedValues, text: str, source: str
     ) -> None:
-        self.mechanism, self.values, self.editor, self.source = (
-            mechanism,
-            values,
-            XmlEditor(text, source),
-            source,
-        )
+        self.mechanism = mechanism
+        self.values = values
+        self.editor = XmlEditor(text, source)
+        self.source = source
         self.links = {str(e.get("name")): e for e in self.editor.root.findall("link")}
         self.joints = {str(e.get("name")): e for e in self.editor.root.findall("joint")}
         self.carriers = {

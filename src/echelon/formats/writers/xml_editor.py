@@ -64,10 +64,8 @@ class XmlEditor:
     def remove(self, element: Any) -> None:
         """Take an element out, with its line if it had that to itself."""
         span = self._spans[element]
-        line, rest = (
-            self._line_start(span.start),
-            re.compile(r"[ \t]*\r?\n").match(self.text, span.end),
-        )
+        line = self._line_start(span.start)
+        rest = re.compile(r"[ \t]*\r?\n").match(self.text, span.end)
         if rest and not self.text[line : span.start].strip():
             self._edits.append((line, rest.end(), ""))
         else:

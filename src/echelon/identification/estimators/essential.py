@@ -224,10 +224,8 @@ def _estimate(
     values, root = np.zeros(n), np.zeros((n, len(kept)))
     values[kept], root[kept] = model.values, model.root
     solution = WeightedSolution(observation, 1 / noise, triangle, values, root)
-    method, covariance = (
-        f"essential ({diagnostics['criterion']})",
-        model.variance * solution.inverse,
-    )
+    method = f"essential ({diagnostics['criterion']})"
+    covariance = model.variance * solution.inverse
     return replace(
         estimate_of(solution, method, units, covariance, diagnostics),
         degrees=model.degrees,

@@ -215,11 +215,9 @@ def augmented(triangle: Triangle) -> Floats:
     """The R-factor of [W y], shape (n + 1, n + 1)."""
     n = len(triangle.parameters)
     whole = np.zeros((n + 1, n + 1))
-    whole[:n, :n], whole[:n, n], whole[n, n] = (
-        triangle.R,
-        triangle.qty,
-        triangle.residual,
-    )
+    whole[:n, :n] = triangle.R
+    whole[:n, n] = triangle.qty
+    whole[n, n] = triangle.residual
     return whole
 
 

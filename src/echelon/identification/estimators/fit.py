@@ -82,10 +82,8 @@ class KnownParameters:
         """The estimate of all parameters; known ones have variance zero."""
         if estimate.parameters != tuple(self.parameters[k] for k in self.unknowns):
             raise InputError("the estimate is not one of the unknowns")
-        values, covariance = (
-            self.values.copy(),
-            np.zeros((len(self.values), len(self.values))),
-        )
+        values = self.values.copy()
+        covariance = np.zeros((len(self.values), len(self.values)))
         values[self.unknowns] = estimate.values
         covariance[np.ix_(self.unknowns, self.unknowns)] = estimate.covariance
         known = [

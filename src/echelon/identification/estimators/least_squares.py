@@ -274,12 +274,10 @@ def huber(
         white = bread.root.T @ sweep.pull
         values = values + bread.root @ white
         new = _noise(sweep, solved(observation, rows.units, 1.0 / noise), noise, clip)
-        change, noise = (
-            max(
-                float(np.linalg.norm(white)) / sqrt(len(values)), log_change(noise, new)
-            ),
-            new,
+        change = max(
+            float(np.linalg.norm(white)) / sqrt(len(values)), log_change(noise, new)
         )
+        noise = new
     estimate = _finished(
         _swept(rows, values, noise, clip), observation, rows.units, values, noise, clip
     )
@@ -298,12 +296,10 @@ class _ClippedSums:
 
 def _swept(rows: RowStream, values: Floats, noise: Floats, clip: float) -> _ClippedSums:
     m = len(noise)
-    pull, squares, inside, counts = (
-        np.zeros(len(values)),
-        np.zeros(m),
-        np.zeros(m),
-        np.zeros(m),
-    )
+    pull = np.zeros(len(values))
+    squares = np.zeros(m)
+    inside = np.zeros(m)
+    counts = np.zeros(m)
     for block in rows.blocks():
         for i, (matrix, y) in enumerate(zip(block.matrices, block.y, strict=True)):
             columns = list(rows.layout.columns[i])

@@ -136,10 +136,8 @@ def _ratio(spectrum: _Spectrum, weight: float | str) -> tuple[float, bool]:
             f"weight is {weight!r}; expected a positive number or 'evidence'"
         )
     # the derivative of the evidence by σ² is positive below and negative above these
-    least, most = (
-        spectrum.rest / spectrum.rows,
-        spectrum.rest + float(np.sum(spectrum.beta**2)),
-    )
+    least = spectrum.rest / spectrum.rows
+    most = spectrum.rest + float(np.sum(spectrum.beta**2))
     ratio, _ = _minimised(
         lambda r: -spectrum.log_evidence(r, r / weight), weight * least, weight * most
     )

@@ -41,14 +41,10 @@ class Place:
 
 def places(mechanism: Mechanism, q: int, qd: int) -> Iterator[Place]:
     """Outputs that are forces of one drive or joint, for states with numbers of positions and velocities."""
-    positions, velocities = (
-        signal_names(mechanism, "q", q),
-        signal_names(mechanism, "qd", qd),
-    )
-    known, drives = (
-        known_values(mechanism),
-        {a.name: a.terms for a in mechanism.transmission.actuators},
-    )
+    positions = signal_names(mechanism, "q", q)
+    velocities = signal_names(mechanism, "qd", qd)
+    known = known_values(mechanism)
+    drives = {a.name: a.terms for a in mechanism.transmission.actuators}
     for k, output in enumerate(mechanism.outputs):
         if len(output.forces) != 1 or output.cuts:
             continue
@@ -163,10 +159,8 @@ def _at(place: Place, states: States, load: Floats) -> Iterator[Term]:
 def _stops(place: Place, q: Floats) -> Iterator[Term]:
     low, high = float(q.min()), float(q.max())
     for share in _ENDS:
-        lower, upper = (
-            (low + high) / 2 - share * (high - low) / 2,
-            (low + high) / 2 + share * (high - low) / 2,
-        )
+        lower = (low + high) / 2 - share * (high - low) / 2
+        upper = (low + high) / 2 + share * (high - low) / 2
         entry = f"{{type: stop, at: {{at}}, lower: {lower:.3g}, upper: {upper:.3g}}}"
         force = np.maximum(q - upper, 0) + np.minimum(q - lower, 0)
         if force.any():

@@ -229,10 +229,8 @@ class Judge:
             *turned(self.readings, self.states, values),
         ]
         tried = [term for term in tried if term.words not in self.turned]
-        held, rows = (
-            HeldOut(model, first.noise),
-            list(self.evidence.rows(self.states, self._signals)),
-        )
+        held = HeldOut(model, first.noise)
+        rows = list(self.evidence.rows(self.states, self._signals))
         found = []
         for terms in _grouped(tried):
             candidate = self._candidate(terms, held, rows)
@@ -547,10 +545,8 @@ class Judge:
         )
         if len(alike) > _ALTERNATIVES:
             return None
-        words, shares = (
-            ", or ".join(reading.words for reading in alike),
-            (exp(before.mean()), exp(best.mean())),
-        )
+        words = ", or ".join(reading.words for reading in alike)
+        shares = (exp(before.mean()), exp(best.mean()))
         judged = Judged(
             Kind.READING,
             words,
@@ -746,11 +742,9 @@ class _Trial:
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:
         least = _WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)
         for output in _shown(term, before):
-            old, new, spread = (
-                before[:, output].sum(),
-                after[:, output].sum(),
-                self.spread[output],
-            )
+            old = before[:, output].sum()
+            new = after[:, output].sum()
+            spread = self.spread[output]
             if (
                 new < old
                 and new < spread

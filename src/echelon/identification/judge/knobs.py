@@ -209,11 +209,9 @@ def _delay(outputs: Sequence[int], subject: str) -> Knob:
 
 def _zero(readings: Readings, k: int) -> Knob:
     """A column of positions whose zero is not that of the robot."""
-    label, unit, offset = (
-        readings.position_labels[k],
-        readings.position_units[k],
-        readings.offsets[k],
-    )
+    label = readings.position_labels[k]
+    unit = readings.position_units[k]
+    offset = readings.offsets[k]
 
     def moved(states: States, sizes: Floats, _: Floats) -> States:
         return readings.with_zero(states, k, float(sizes[0]))
@@ -261,11 +259,9 @@ def _ahead(
             states.smoothed(signal(states, load[:, place.output])) * sizes[0] / ratio
         )
         rate = states.derivative(ahead)
-        positions, velocities, accelerations = (
-            states.q.copy(),
-            states.qd.copy(),
-            states.qdd.copy(),
-        )
+        positions = states.q.copy()
+        velocities = states.qd.copy()
+        accelerations = states.qdd.copy()
         positions[:, q] -= ahead
         velocities[:, v] -= rate
         accelerations[:, v] -= states.derivative(rate)

@@ -157,10 +157,8 @@ class Readings:
             yield from self._of_velocities()
 
     def _of_outputs(self) -> Iterator[_Change]:
-        m, label = (
-            len(self.outputs),
-            self._named("output", self.outputs, self.columns.outputs),
-        )
+        m = len(self.outputs)
+        label = self._named("output", self.outputs, self.columns.outputs)
         yield from _flips(
             "outputs", label, lambda text, matrix: _Change(text, outputs=matrix)
         )
@@ -377,10 +375,8 @@ class Readings:
         matrix = np.eye(len(P)) if change.positions is None else change.positions
         shift = np.zeros(len(P)) if change.shift is None else change.shift
         back = np.linalg.inv(P).T
-        places, q = (
-            [self._coordinates[0].index(name) for name in self.names],
-            rows.q.copy(),
-        )
+        places = [self._coordinates[0].index(name) for name in self.names]
+        q = rows.q.copy()
         q[:, places] = ((q[:, places] @ P.T + zero) @ matrix.T - zero + shift) @ back
         rows = replace(rows, q=q)
         if change.positions is None or self.velocities:

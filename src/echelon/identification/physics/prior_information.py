@@ -268,11 +268,9 @@ def _mended(
     """The body as one that can exist, of a size that it can have, and what had to be changed for that."""
     if len(mechanism.bodies[body].carried) < PER_BODY:
         return values, []
-    size, name, findings = (
-        characteristic_length(mechanism),
-        mechanism.bodies[body].name,
-        [],
-    )
+    size = characteristic_length(mechanism)
+    name = mechanism.bodies[body].name
+    findings = []
     for mend in (repaired, without_placeholder):
         values, finding = mend(values, size, name)
         if finding:

@@ -290,10 +290,8 @@ class Programme:
         """Size of a parameter outside the bodies: an inertia or a mass as a body's, else 1."""
         if not len(self.reference.bodies):
             return 1.0
-        masses, inertias = (
-            self.reference.bodies[:, 9],
-            self.reference.bodies[:, [0, 3, 5]].mean(axis=1),
-        )
+        masses = self.reference.bodies[:, 9]
+        inertias = self.reference.bodies[:, [0, 3, 5]].mean(axis=1)
         return float(
             {"kg": masses, "kg·m²": inertias}.get(parameter.unit, np.ones(1)).mean()
         )

@@ -87,13 +87,11 @@ class OutputErrorProblem:
                     self._distance(tried - values, slopes, noise)
                     < self.settled * np.sqrt(len(change))
                 )
-                values, rest, slopes, noise, damping = (
-                    tried,
-                    new,
-                    new_slopes,
-                    _noise(new),
-                    max(damping / 5, 1e-9),
-                )
+                values = tried
+                rest = new
+                slopes = new_slopes
+                noise = _noise(new)
+                damping = max(damping / 5, 1e-9)
             else:
                 damping *= 8
         inflated = noise * np.sqrt(_inflation(rest))

@@ -223,12 +223,10 @@ def fit_servos(
         step("validating")
         scores = _scores(motion, windows, solution)
         others = () if unseen is None else _scores(motion, unseen, solution)
-    values, covariance, noise, converged = (
-        solution.values,
-        solution.covariance,
-        solution.noise,
-        solution.converged,
-    )
+    values = solution.values
+    covariance = solution.covariance
+    noise = solution.noise
+    converged = solution.converged
     rows = windows.measured.shape[0] * windows.measured.shape[1]
     estimate = Estimate(
         "output error",
@@ -503,10 +501,8 @@ def _scores(
     motion: ServoMotion, windows: Windows, solution: ServoSolution
 ) -> tuple[ServoScore, ...]:
     found = motion.positions(windows, solution.values, solution.delay, solution.limits)
-    measured, commands = (
-        windows.measured,
-        _commanded(motion, windows, 0.0, Limits.none(len(motion.names))),
-    )
+    measured = windows.measured
+    commands = _commanded(motion, windows, 0.0, Limits.none(len(motion.names)))
     squares = np.mean((found - measured) ** 2, axis=(0, 1))
     spread = np.var(measured.reshape(-1, measured.shape[2]), axis=0)
     lag = np.mean((commands - measured) ** 2, axis=(0, 1))
@@ -534,10 +530,8 @@ def _commanded(
     motion: ServoMotion, windows: Windows, delay: float, limits: Limits
 ) -> Floats:
     """Commands at the samples that count, shape (W, length, n)."""
-    means, last = (
-        windows.commands(motion.names, delay, limits).means,
-        (windows.run_in + 1) * windows.substeps - 1,
-    )
+    means = windows.commands(motion.names, delay, limits).means
+    last = (windows.run_in + 1) * windows.substeps - 1
     return np.moveaxis(means[last :: windows.substeps], 0, 1)
 
 

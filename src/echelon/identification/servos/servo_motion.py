@@ -107,10 +107,10 @@ class Windows:
         ]
         rate, followed = self.rate, [(held, np.zeros_like(held)) for held in asked]
         if np.isfinite(limits.speed).any():
-            rate, followed = (
-                1 / self.step,
-                [limits.followed(held, self.rate, self.substeps) for held in asked],
-            )
+            rate = 1 / self.step
+            followed = [
+                limits.followed(held, self.rate, self.substeps) for held in asked
+            ]
         values, shares, slopes = [], [], []
         for k, first in self.begins:
             held, by_speed = followed[k]
@@ -201,11 +201,9 @@ class ServoMotion:
         derivatives: bool,
     ) -> tuple[Floats, Floats]:
         q, v = windows.start
-        h, n, count = (
-            windows.step,
-            q.shape[1],
-            len(values) + 1 + len(limits.active) + 2 * q.shape[1],
-        )
+        h = windows.step
+        n = q.shape[1]
+        count = len(values) + 1 + len(limits.active) + 2 * q.shape[1]
         commands = windows.commands(self.names, delay, limits)
         a = np.zeros_like(q)
         by_q = np.zeros((*q.shape, count if derivatives else 0))

@@ -108,10 +108,8 @@ _HUMPS = (
     re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"),
     re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"),
 )
-_BEGINS, _ENDS = (
-    r"(?:(?<![a-z0-9])|(?-i:(?<=[a-z])(?=[A-Z])))",
-    r"(?:(?![a-z0-9])|(?-i:(?<=[a-z])(?=[A-Z])))",
-)
+_BEGINS = r"(?:(?<![a-z0-9])|(?-i:(?<=[a-z])(?=[A-Z])))"
+_ENDS = r"(?:(?![a-z0-9])|(?-i:(?<=[a-z])(?=[A-Z])))"
 _AFFIX = re.compile(
     r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE
 )
@@ -154,10 +152,8 @@ def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
     if bracket and bracket.group(1).lower() not in map(
         str.lower, known
     ):  # position[elbow]
-        unit, rest = (
-            bracket.group(1),
-            (rest[: bracket.start()] + "_" + rest[bracket.end() :]).strip("_ "),
-        )
+        unit = bracket.group(1)
+        rest = (rest[: bracket.start()] + "_" + rest[bracket.end() :]).strip("_ ")
     for alias in sorted(known, key=lambda n: (-len(n), n)):
         # a name that could also be a quantity's, such as q1, is left to its number
         spelt = r"[\W_]*".join(map(re.escape, re.findall(r"[^\W_]+", alias)))

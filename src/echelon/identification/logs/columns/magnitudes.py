@@ -137,10 +137,8 @@ def _with_rates(
             )
             continue
         unit = "deg/s" if _moves(mechanism, name, MotionKind.ROTATION) else "mm/s"
-        q, v = (
-            table.columns[position.column] * factor(position.unit, None),
-            table.columns[channel.column],
-        )
+        q = table.columns[position.column] * factor(position.unit, None)
+        v = table.columns[channel.column]
         if len(q) != len(v) or len(q) != len(times):
             continue
         own = rate(q, v, times * factor(columns.time.unit if columns.time else "", "s"))

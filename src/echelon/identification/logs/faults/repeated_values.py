@@ -69,10 +69,8 @@ def stuck(
         return
     steps = np.diff(values)
     steps = steps[np.isfinite(steps) & (steps != 0)]
-    step, fast = (
-        usual(steps),
-        float(np.percentile(np.abs(steps), 99)) if len(steps) else 0.0,
-    )
+    step = usual(steps)
+    fast = float(np.percentile(np.abs(steps), 99)) if len(steps) else 0.0
     level = (resolution(values[usable]) or 0.0) if output else 0.0
     for start, stop in zip(
         starts[candidates].tolist(), stops[candidates].tolist(), strict=True

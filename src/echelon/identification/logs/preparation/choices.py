@@ -305,10 +305,8 @@ def _band(log: Signals, made: Preparation) -> Preparation:
     reason = f"{found:.3g} Hz: {HARMONICS} times {mean:.2g} Hz, the mean frequency of the velocity of {name}"
     who, lost = log.lost
     if "qd" not in (made.measured or ()) and lost < found:
-        found, reason = (
-            lost,
-            f"{lost:.3g} Hz: above it the acceleration of {who} is lost in noise",
-        )
+        found = lost
+        reason = f"{lost:.3g} Hz: above it the acceleration of {who} is lost in noise"
     if found > FLATTEST * log.rate:
         found = FLATTEST * log.rate
         reason = f"{found:.3g} Hz: a sixth of the rate, up to which derivatives are right to two thousandths"

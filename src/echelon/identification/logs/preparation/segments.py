@@ -126,10 +126,8 @@ def rate_findings(
         text = f"{lost} missing (intervals up to {longest:.4g} ms); interpolated"
         yield note("missing", where, text)
     if uneven:
-        shortest, spread = (
-            min(one.shortest for _, one in uneven),
-            max(one.spread for _, one in uneven),
-        )
+        shortest = min(one.shortest for _, one in uneven)
+        spread = max(one.spread for _, one in uneven)
         text = (
             f"time stamps are usually {found.period * 1e3:.4g} ms apart, but {shortest * 1e3:.4g} to "
             f"{longest:.4g} ms, with a standard deviation of {spread * 1e3:.2g} ms; resampled at "
