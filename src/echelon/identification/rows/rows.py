@@ -105,6 +105,9 @@ _UNKNOWN = 0.05
 _REACHES = 8  # windows are at least so many times longer than what the filter reaches
 
 
+_LEFT = 0.5
+"""Eigenvalue of a projector, 0 or 1 but for rounding, above which it leaves an axis."""
+
 FORCES = "outputs"
 """Name of the rows of all outputs, which are mixed once contact forces are projected out."""
 
@@ -306,7 +309,8 @@ class ModelRows:
                 part.q, part.qd, part.qdd, self.symbols, inputs_of_effects(part)
             )
             table = np.concatenate([regressor, y[low:high, :, None]], axis=2)
-            table = self.projectors(part, phases[low:high]) @ table
+            T = self.projectors(part, phases[low:high])
+            table = T @ table
             kept = np.arange(high - low)
             if samples.reduction is not None:
                 kept = samples.reduction.kept(high - low)
@@ -316,12 +320,16 @@ class ModelRows:
             places = low + kept
             inside = (places >= max(start, samples.first)) & (places < stop)
             places = places[inside]
+            # as many rows as T leaves dimensions: more would count the noise of a sample more than once
+            sizes, axes = np.linalg.eigh(T[kept[inside]])
+            table = np.swapaxes(axes, 1, 2) @ table[inside]
             rows = {}
             for k, name in enumerate(self.parts):
                 some = phases[places] == k
+                left = sizes[some] > _LEFT
                 at = samples.start + places[some] / samples.rate
-                mixed = table[inside][some].reshape(-1, table.shape[2])
-                times = np.repeat(at, table.shape[1])
+                mixed = table[some][left]
+                times = np.repeat(at, left.sum(axis=1))
                 rows[name or FORCES] = (times, mixed[:, :-1], mixed[:, -1])
             yield self._placed(samples.source, segment, rows)
 
