@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.identification.estimators.least_squares import noise_estimate
+from echelon.identification.logs.recording import Samples
+from echelon.identification.rows.rows import ModelRows
 from support.robot_files import robot_file
 from support.standing_robot import biped_mjcf, log_standing
 
@@ -52,6 +55,24 @@ def test_stances_are_experiments(folder: Path) -> None:
     assert not result.reasons
     assert "left.right_knee" in {score.output for score in result.pooled[-1].scores}
     assert any("pushes the floating base" in f.text for f in result.findings)
+
+
+def test_noise_of_rows_without_contact_forces_is_that_of_the_outputs(
+    folder: Path,
+) -> None:
+    """Forces at two feet take six of twelve dimensions off each sample, and their noise with them."""
+    base = ec.base_parameters(ec.load(folder / "biped.yaml", experiment="both"))
+    rng, count = np.random.default_rng(2), 400
+    q = rng.normal(size=(count, len(base.mechanism.positions)))
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    qd, qdd = rng.normal(size=(2, count, len(base.mechanism.velocities)))
+    slips = base.evaluate("contact_jacobian", {"q": q})
+    forces = np.einsum("kcn,kc->kn", slips, 50 * rng.normal(size=slips.shape[:2]))
+    y = base.regressor(q, qd, qdd) @ rng.normal(size=base.rank) - forces
+    y += 0.3 * rng.normal(size=y.shape)
+    rows = ModelRows.of(base, [Samples("run", 0.0, 100.0, q, qd, qdd, y)]).observation()
+    assert rows.counts == (6 * count,)
+    assert noise_estimate(rows) == pytest.approx([0.3], rel=0.05)
 
 
 HUMANOID = """echelon: 1

@@ -93,8 +93,8 @@ class InertialDifference:
         self.noise_of_base = np.abs(self.matrix) @ self.noise
         self.apart = np.abs(self.base) > self.noise_of_base
         # base parameters that differ by no more than the last decimals of the files explain
-        computed = np.abs(self.matrix) @ self.computed
-        self.rounded = (np.abs(self.base) > computed) & ~self.apart
+        self.computed_of_base = np.abs(self.matrix) @ self.computed
+        self.rounded = (np.abs(self.base) > self.computed_of_base) & ~self.apart
 
     def _stated(self, robot: Mechanism) -> Floats:
         """Standard parameters, zero where a file is silent, which is noted."""
@@ -206,13 +206,14 @@ class InertialDifference:
 
     def parameters(self) -> tuple[ParameterDifference, ...]:
         """Standard parameters that differ by more than rounding."""
-        shown, rounded = (
-            (self.matrix[some] != 0).any(axis=0) for some in (self.apart, self.rounded)
-        )
+        shown = np.asarray((self.matrix[self.apart] != 0).any(axis=0))
+        own = np.abs(self.matrix * self.standard)
+        beyond = own > self.noise_of_base[:, None]
+        there = own > self.computed_of_base[:, None]
+        rounded = np.asarray(there.any(axis=0) & ~beyond.any(axis=0))
         for k in (k for group in self.cancelled for k in group):
             start = self.one.first_column[k]
-            shown[start : start + PER_BODY] = False
-            rounded[start : start + PER_BODY] = False
+            shown[start : start + PER_BODY] = rounded[start : start + PER_BODY] = False
         return tuple(
             ParameterDifference(
                 column.name,

@@ -105,6 +105,9 @@ _UNKNOWN = 0.05
 _REACHES = 8  # windows are at least so many times longer than what the filter reaches
 
 
+_LEFT = 0.5
+"""Eigenvalue of a projector, 0 or 1 but for rounding, above which it leaves an axis."""
+
 FORCES = "outputs"
 """Name of the rows of all outputs, which are mixed once contact forces are projected out."""
 
@@ -295,16 +298,21 @@ class ModelRows:
             part = samples.cut(slice(low, high))
             regressor = self._regressor(part)
             table = np.concatenate([regressor, y[low:high, :, None]], axis=2)
-            table = samples.reduced(self.projectors(part, phases[low:high]) @ table)
+            T = self.projectors(part, phases[low:high])
+            table = samples.reduced(T @ table)
             places = np.arange(low, high, samples.factor)
             inside = (places >= max(start, samples.first)) & (places < stop)
             places = places[inside]
+            # as many rows as T leaves dimensions: more would count the noise of a sample more than once
+            sizes, axes = np.linalg.eigh(T[places - low])
+            table = np.swapaxes(axes, 1, 2) @ table[inside]
             rows = {}
             for k, name in enumerate(self.parts):
                 some = phases[places] == k
+                left = sizes[some] > _LEFT
                 at = samples.start + places[some] / samples.rate
-                mixed = table[inside][some].reshape(-1, table.shape[2])
-                times = np.repeat(at, table.shape[1])
+                mixed = table[some][left]
+                times = np.repeat(at, left.sum(axis=1))
                 rows[name or FORCES] = (times, mixed[:, :-1], mixed[:, -1])
             yield self._placed(samples.source, segment, rows)
 
