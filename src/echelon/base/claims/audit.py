@@ -257,18 +257,19 @@ class _Linking:
         )
 
     def _is_remark(self, line: Line) -> bool:
-        names = self.notation.names_in(line.text)
-        ignored = any(fnmatchcase(name, p) for name in names for p in self.ignore)
-        return not ignored and self.notation.is_remark(line.text)
+        return not self._ignored(line.text) and self.notation.is_remark(line.text)
+
+    def _ignored(self, text: str) -> frozenset[str]:
+        """Names in a text that the user wants to leave out."""
+        names = self.notation.names_in(text) if self.ignore else ()
+        return frozenset(
+            name for name in names if any(fnmatchcase(name, p) for p in self.ignore)
+        )
 
     def _row(self, claim: Claim) -> Row | None:
         """Coefficients by column; None if only ignored parameters occur."""
         text, odd = self.notation.plain(claim.text)
-        ignored = {
-            name
-            for name in self.notation.names_in(claim.text)
-            if any(fnmatchcase(name, p) for p in self.ignore)
-        }
+        ignored = self._ignored(claim.text)
 
         def parameter(name: str) -> str | None:
             original = odd.get(name, name)

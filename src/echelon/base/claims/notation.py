@@ -22,6 +22,7 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from keyword import iskeyword
 
 from echelon.shared import shortened
 
@@ -46,9 +47,10 @@ _CONTINUES = re.compile(r"[+*/)]")
 def plain_signs(text: str) -> str:
     """A formula with the signs of formatted output (−, ·, ², ₃, √2, ^) in plain characters."""
     text = text.translate(_SIGNS).translate(_SUBSCRIPTS)
-    text = _SUPERSCRIPT.sub(lambda f: f"**{f[0].translate(_SUPERSCRIPTS)}", text)
+    # a blank ends the power, so that it cannot go on in a digit
+    text = _SUPERSCRIPT.sub(lambda f: f"**{f[0].translate(_SUPERSCRIPTS)} ", text)
     text = re.sub(r"√(\d)", r"sqrt(\1)", text).replace("^", "**")
-    return re.sub(r"\b(sin|cos)\*\*(\d+)\(([^()]*)\)", r"\1(\3)**\2", text)
+    return re.sub(r"\b(sin|cos)\*\*(\d+) ?\(([^()]*)\)", r"\1(\3)**\2", text)
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,7 @@ class Notation:
     def _check(self, tokens: list[Token], text: str) -> None:
         """Refuse what can be read in two ways."""
         for token in tokens:
-            if token.kind == "other":
+            if token.kind == "other" or iskeyword(token.text):
                 raise ValueError(
                     f"'{token.text}' is not allowed in an expression: '{shortened(text)}'"
                 )
@@ -262,7 +264,6 @@ class Line:
 
     text: str
     where: str  # ``line 3``, ``lines 3 to 4``
-    follows: bool = False  # whether the line before it is not blank
 
 
 def lines_of(text: str) -> list[Line]:
@@ -283,10 +284,10 @@ def lines_of(text: str) -> list[Line]:
         if joined:
             last = found.pop()
             where = f"lines {first} to {number}"
-            found.append(Line(f"{last.text} {content}", where, last.follows))
+            found.append(Line(f"{last.text} {content}", where))
         else:
             first = number
-            found.append(Line(content, f"line {number}", filled))
+            found.append(Line(content, f"line {number}"))
         filled = True
     return found
 
@@ -312,7 +313,7 @@ def parts_of_line(line: Line) -> list[tuple[str | None, str]]:
         raise ValueError(
             f"'{shortened(line.text)}' has a comma between digits: write 0.45 for a number, or a blank behind the comma"
         )
-    if line.follows and plain_signs(line.text).startswith("-"):
+    if plain_signs(line.text).startswith("-"):
         raise ValueError(
             f"'{shortened(line.text)}' begins with '-': put it behind the line before if it goes on from there, in "
             "brackets if it is a row with this sign, or remove the sign if it marks an entry of a list"
