@@ -213,14 +213,14 @@ FAULTS = (
     ),
     Fault(
         "identification/setup/setup.py",
-        "{**resting, **known_values(mechanism), PI: math.pi}",
-        "{**resting, **known_values(mechanism)}",
+        "{**locked, **known_values(mechanism), PI: math.pi}",
+        "{**locked, **known_values(mechanism)}",
         "π in scales",
         f"{SETUP} identification/test_gains.py",
     ),
     Fault(
         "identification/setup/setup.py",
-        "self.known = {**resting, ",
+        "self.known = {**locked, ",
         "self.known = {",
         "locked joints in combinations of coordinates",
         "logs/test_log_motion_sensors.py",
