@@ -21,7 +21,7 @@ ARM = """
 echelon: 1
 name: arm
 symbols: {l1: 0.4}
-gravity: [0, 0, -9.81]
+gravity: GRAVITY
 modified_dh:
   - {joint: revolute, inertial: {mass: 4, com: [0.1, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}}
   - {joint: revolute, a: l1, inertial: {mass: 3, com: [0.2, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}}
@@ -41,10 +41,12 @@ START, SWING = np.array([1.2, 0.4]), np.array([0.2, -0.3])
 DURATION = 4.0
 
 
-def motion(folder: Path, post: str) -> ExcitingTrajectory:
+def motion(
+    folder: Path, post: str, gravity: str = "[0, 0, -9.81]"
+) -> ExcitingTrajectory:
     """Both joints swing once about the pose where they begin."""
     file = folder / "arm.yaml"
-    file.write_text(ARM.replace("POST", post))
+    file.write_text(ARM.replace("POST", post).replace("GRAVITY", gravity))
     coefficients = np.array([START, SWING, np.zeros(2)])
     run = Trajectory(("j1", "j2"), ("rad", "rad"), Fourier(DURATION, 1), coefficients)
     return ec.judged_trajectory(ec.load_setup(file), run)
@@ -136,3 +138,18 @@ def test_limits_with_one_end_say_at_least(tmp_path: Path) -> None:
     (text,) = [f.text for f in found.findings if f.kind == "limits"]
     # of ±3 rad the first joint reaches 1.4, and of 3 rad/s the second one 0.3 · 2π/4
     assert "position 46.7 % (j1), velocity 15.7 % (j2)" in text
+
+
+@pytest.mark.parametrize(
+    ("gravity", "below"),
+    [("[0, 9.81, 0]", 0.4 * np.sin(1.4)), ("[0, -9.81, 0]", 0), ("[0, 0, -9.81]", 0)],
+)
+def test_room_below_the_base_is_named(
+    gravity: str, below: float, tmp_path: Path
+) -> None:
+    found = motion(tmp_path, "[-0.35, 0.75, 0]", gravity)
+    texts = [f.text for f in found.findings if f.kind == "room"]
+    assert len(texts) == bool(below)
+    for text in texts:
+        assert text.startswith(f"the origin of 'j2' comes down to {below:.3g} m below")
+        assert " ".join(text[1:].split()) in Page(preview_html(found)).words

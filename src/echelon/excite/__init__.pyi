@@ -2,6 +2,7 @@
 
 from echelon.excite.closeness import FARTHEST as FARTHEST
 from echelon.excite.closeness import PairDistance as PairDistance
+from echelon.excite.closeness import positions_along as positions_along
 from echelon.excite.driven import SampledRank as SampledRank
 from echelon.excite.driven import sampled_rank as sampled_rank
 from echelon.excite.excite import ExcitingTrajectory as ExcitingTrajectory

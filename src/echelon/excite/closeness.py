@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from echelon.dynamics import Kinematics, assembly_of
 from echelon.excite.problem.clearance import Clearance
 from echelon.excite.problem.closed_loops import LoopLimits, LoopMotion
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task
 from echelon.excite.problem.trajectory import Trajectory
+from echelon.robot import Mechanism, upward
 from echelon.shared import Floats
 
 DISTANCE_RATE = 50.0
@@ -100,6 +102,35 @@ def beginning(task: Task, trajectory: Trajectory) -> str:
         return text
     way = start * np.linspace(0.0, 1.0, WAY_SAMPLES)[:, None]
     return text + _of_the_way(task, way)
+
+
+def room_needed(task: Task, trajectory: Trajectory) -> str:
+    """How far a robot comes down below its base, in a sentence; nothing of robots that float or that gravity spares."""
+    mechanism = task.base.mechanism
+    if not mechanism.gravity or mechanism.bodies[0].joint.is_floating:
+        return ""
+    count = min(round(DISTANCE_RATE * trajectory.duration), MOST_SAMPLES)
+    time = np.linspace(0.0, trajectory.duration, count + 1)
+    q = positions_along(mechanism, trajectory, time)
+    heights = Kinematics(mechanism).frames(q)[..., 3] @ upward(mechanism)
+    below = -float(heights.min())
+    if below < STEADY:
+        return ""
+    name = mechanism.bodies[int(heights.min(axis=0).argmin())].name
+    return (
+        f"the origin of '{name}' comes down to {below:.3g} m below that of the base: if there is no such room, state the "
+        "floor or table under  collisions: obstacles"
+    )
+
+
+def positions_along(
+    mechanism: Mechanism, trajectory: Trajectory, time: Floats
+) -> Floats:
+    """Positions of all coordinates at some times, shape (N, positions); loops are closed."""
+    if closed := assembly_of(mechanism):
+        return closed.from_independent(trajectory(time))
+    columns = [trajectory.coordinates.index(name) for name in mechanism.positions]
+    return trajectory(time)[:, columns]
 
 
 def _of_the_way(task: Task, way: Floats) -> str:

@@ -11,7 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base import BaseModel
-from echelon.excite.closeness import Closeness, beginning, clearances, closeness_of
+from echelon.excite.closeness import (
+    Closeness,
+    beginning,
+    clearances,
+    closeness_of,
+    room_needed,
+)
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import condition_number, log_det, sample_times
 from echelon.excite.problem.shapes import Shape
@@ -382,6 +388,8 @@ def _notes(
     found = []
     if begins := beginning(task, trajectory):
         found.append(note("beginning", task.setup.source, begins))
+    if room := room_needed(task, trajectory):
+        found.append(note("room", task.setup.source, room))
     if used := used_limits(margins):
         text = (
             f"the motion uses up to these shares of its limits: {used}; for more room state smaller limits, or a scale for "

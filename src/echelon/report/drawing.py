@@ -22,6 +22,7 @@ from echelon.robot import (
     Placement,
     placement_matrix,
     symbol_values,
+    upward,
 )
 from echelon.shared import PARAMETERS, PER_BODY, EchelonError, Floats, one_line
 
@@ -366,17 +367,6 @@ def pose_at(mechanism: Mechanism, q: Floats, *, bent: bool = False) -> Pose:
     frames = Kinematics(mechanism).frames(q[None])
     axes = joint_axes(mechanism, frames[..., :3], symbols)[0]
     return Pose(frames[0, :, :, 3], frames[0, :, :, :3], axes, upward(mechanism), bent)
-
-
-def upward(mechanism: Mechanism) -> Floats:
-    """Unit vector against gravity; z without gravity."""
-    entries = mechanism.gravity or ()
-    symbols = symbol_values(
-        mechanism, sorted({s for entry in entries for s in entry.symbols()})
-    )
-    gravity = np.array([e.at(symbols) for e in entries])
-    size = float(np.linalg.norm(gravity))
-    return -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
 
 
 def joint_axes(

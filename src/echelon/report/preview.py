@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.dynamics import Kinematics, assembly_of
+from echelon.dynamics import Kinematics
 from echelon.excite import (
     ACTIVE,
     FARTHEST,
@@ -29,13 +29,13 @@ from echelon.excite import (
     PairDistance,
     Shape,
     ShapeKind,
+    positions_along,
     when_kept,
 )
 from echelon.report.drawing import (
     PROPORTIONS,
     ahead,
     joint_axes,
-    upward,
     widest_view,
 )
 from echelon.report.outlines import outline
@@ -52,7 +52,7 @@ from echelon.report.page import (
 )
 from echelon.report.report import findings_of
 from echelon.report.signals import envelope
-from echelon.robot import Body, Mechanism, MotionKind, known_values
+from echelon.robot import Body, Mechanism, MotionKind, known_values, upward
 from echelon.shared import (
     EchelonError,
     Floats,
@@ -492,7 +492,7 @@ def scene(found: ExcitingTrajectory) -> Scene:
     mechanism, trajectory = found.base.mechanism, found.trajectory
     kinematics = Kinematics(mechanism)
     time = _times(trajectory.duration, len(mechanism.bodies))
-    frames = kinematics.frames(_positions(found, time))
+    frames = kinematics.frames(positions_along(mechanism, trajectory, time))
     rotations, origins = frames[..., :3], frames[..., 3]
     cloud = np.vstack([origins.reshape(-1, 3), np.zeros((1, 3))])
     extent = float(np.linalg.norm(np.ptp(cloud, axis=0))) or 1.0
@@ -536,15 +536,6 @@ def scene(found: ExcitingTrajectory) -> Scene:
     )
 
 
-def _positions(found: ExcitingTrajectory, time: Floats) -> Floats:
-    """Positions of all coordinates, shape (pictures, positions); with loops, those that the others follow from."""
-    mechanism, trajectory = found.base.mechanism, found.trajectory
-    if closed := assembly_of(mechanism):
-        return closed.from_independent(trajectory(time))
-    columns = [trajectory.coordinates.index(name) for name in mechanism.positions]
-    return trajectory(time)[:, columns]
-
-
 def robot(found: ExcitingTrajectory) -> tuple[Context, dict[str, Any] | None]:
     """Context of the section with the moving robot, and its JSON-able frames; None where a length has no value."""
     try:
@@ -555,14 +546,9 @@ def robot(found: ExcitingTrajectory) -> tuple[Context, dict[str, Any] | None]:
 
 
 def _context(found: ExcitingTrajectory, view: Scene) -> Context:
-    heights = view.origins @ view.up
-    lowest = int(heights.min(axis=0).argmin())
     return {
         "problem": "",
-        "below": max(-float(heights.min()), 0.0)
-        if heights.min() < -1e-6 * view.extent
-        else 0.0,
-        "lowest": view.mechanism.bodies[lowest].name,
+        "below": _said(found, "room"),
         "still": [
             body.name
             for body, still in zip(view.mechanism.bodies, view.still, strict=True)

@@ -112,6 +112,7 @@ from echelon.robot.stated import placement_matrix as placement_matrix
 from echelon.robot.stated import stated_values as stated_values
 from echelon.robot.stated import symbol_roles as symbol_roles
 from echelon.robot.stated import symbol_values as symbol_values
+from echelon.robot.stated import upward as upward
 from echelon.robot.stated import value_texts as value_texts
 from echelon.robot.stated import vanishes as vanishes
 from echelon.robot.steps import Coordinates as Coordinates

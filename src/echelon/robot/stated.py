@@ -51,7 +51,7 @@ from echelon.algebra import (
 from echelon.robot.joint import MotionKind, Placement, Step, Symbol
 from echelon.robot.mechanism import Mechanism, setup_placements, setup_ratios
 from echelon.robot.substitute import substituted
-from echelon.shared import InputError
+from echelon.shared import Floats, InputError
 
 
 def symbol_values(
@@ -83,6 +83,17 @@ def symbol_values(
             )
         values[name] = value
     return values
+
+
+def upward(mechanism: Mechanism) -> Floats:
+    """Unit vector against gravity, in the base frame; z without gravity."""
+    entries = mechanism.gravity or ()
+    symbols = symbol_values(
+        mechanism, sorted({s for entry in entries for s in entry.symbols()})
+    )
+    gravity = np.array([e.at(symbols) for e in entries])
+    size = float(np.linalg.norm(gravity))
+    return -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
 
 
 def all_symbols(mechanism: Mechanism) -> set[str]:
