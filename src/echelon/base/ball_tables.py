@@ -52,11 +52,9 @@ def combinations_of(
         return table[:0, others], table[:most, others]
     square, further = independent_rows(table[:, pivots])
     solution = solved(table, square, pivots, others)
-    return (
-        None
-        if solution is None
-        else (solution, left_of(table[further[:most]], pivots, others, solution))
-    )
+    if solution is None:
+        return None
+    return solution, left_of(table[further[:most]], pivots, others, solution)
 
 
 def solved(
@@ -165,11 +163,9 @@ def _fraction(x: Any, bits: int) -> Number | None:
     short = (
         abs(found.numerator) * found.denominator
     ).bit_length() + SURPLUS_BITS < bits
-    return (
-        simplest(found)
-        if short and x.contains(flint.fmpq(found.numerator, found.denominator))
-        else None
-    )
+    if short and x.contains(flint.fmpq(found.numerator, found.denominator)):
+        return simplest(found)
+    return None
 
 
 def _short_surd(x: Any, bits: int, irrational: tuple[bool, bool]) -> Number | None:

@@ -128,11 +128,9 @@ class Certificate:
         text = f"rank {self.rank} proved from below by a non-zero minor{where} {how}; completeness X·N = 0 checked "
         text += "; ".join(self._completeness)
         text += f", {self.regions_note}" if self.regions_note else ""
-        return (
-            f"{text}; not checked: {'; '.join(self.unchecked)}"
-            if self.unchecked
-            else text
-        )
+        if self.unchecked:
+            return f"{text}; not checked: {'; '.join(self.unchecked)}"
+        return text
 
     @property
     def _completeness(self) -> list[str]:

@@ -163,11 +163,9 @@ class TextStyle:
     def generator(self, name: str, exponent: int) -> str:
         """A power of a symbol, sine or cosine: ``d4²``, ``cos²(a)``, ``sin(40·a)``."""
         power = str(exponent).translate(_SUPERSCRIPTS) if exponent > 1 else ""
-        return (
-            f"{name[:3]}{power}({angle_text(name, self)})"
-            if is_trigonometric(name)
-            else f"{name}{power}"
-        )
+        if is_trigonometric(name):
+            return f"{name[:3]}{power}({angle_text(name, self)})"
+        return f"{name}{power}"
 
     def number(self, value: Number) -> str:
         """A non-negative number, or a surd: ``3/2``, ``√2/2``."""
@@ -189,11 +187,9 @@ class TextStyle:
 
     def fraction(self, top: str, bottom: str) -> str:
         """A quotient with a slash, in parentheses because it is followed by a product."""
-        return (
-            f"({top}/({bottom}))"
-            if self.times in bottom and not bottom.startswith("(")
-            else f"({top}/{bottom})"
-        )
+        if self.times in bottom and not bottom.startswith("("):
+            return f"({top}/({bottom}))"
+        return f"({top}/{bottom})"
 
 
 class LatexStyle(TextStyle):

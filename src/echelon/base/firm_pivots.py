@@ -154,9 +154,9 @@ def _largest(rows: Rows) -> tuple[int, int] | None:
         for column, v in row.items()
     )
     size, pivot, column = max(sizes)
-    return (
-        (pivot, column) if size > MODERATE_COEFFICIENT and np.isfinite(size) else None
-    )
+    if size > MODERATE_COEFFICIENT and np.isfinite(size):
+        return pivot, column
+    return None
 
 
 def _exchange(rows: Rows, pivot: int, column: int) -> None:

@@ -210,11 +210,9 @@ class ShortForms:
 
     def _generator(self, generator: str) -> Any:
         if not is_trigonometric(generator):
-            return (
-                self._atoms[generator]
-                if generator in self._atoms
-                else self.symbols[generator]
-            )
+            if generator in self._atoms:
+                return self._atoms[generator]
+            return self.symbols[generator]
         label = symbol_of(generator)
         if label in self._sums:
             angle = sympy.Add(

@@ -599,8 +599,6 @@ def shortest_turn(start: Floats, end: Floats) -> Floats:
     end = end * (1 if start @ end >= 0 else -1)
     normal = np.cross(start, end)
     size = np.linalg.norm(normal)
-    return (
-        turn_about(normal / size, float(np.arctan2(size, start @ end)))
-        if size > 1e-15
-        else np.eye(3)
-    )
+    if size > 1e-15:
+        return turn_about(normal / size, float(np.arctan2(size, start @ end)))
+    return np.eye(3)

@@ -344,11 +344,9 @@ def _exchange(
 
 def _complexity(coefficient: RationalFunction) -> int:
     constant = coefficient.is_polynomial and coefficient.numerator.number is not None
-    return (
-        0
-        if constant
-        else len(coefficient.numerator.terms) + 10 * len(coefficient.denominator.terms)
-    )
+    if constant:
+        return 0
+    return len(coefficient.numerator.terms) + 10 * len(coefficient.denominator.terms)
 
 
 def _pivot(

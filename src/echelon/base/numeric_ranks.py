@@ -84,11 +84,11 @@ class NumericRanks:
     @property
     def ranks_by_qr(self) -> tuple[int, ...]:
         """Numbers of diagonal entries of R above each tolerance; empty if R was not asked for."""
-        return (
-            tuple(_above(self.diagonal, tolerance) for tolerance in self.tolerances)
-            if self.diagonal
-            else ()
-        )
+        if self.diagonal:
+            return tuple(
+                _above(self.diagonal, tolerance) for tolerance in self.tolerances
+            )
+        return ()
 
     def gap(self, rank: int) -> float:
         """The smallest singular value that a rank keeps by the largest that it drops.

@@ -287,11 +287,9 @@ def mimic_ranks(
     if other is None:
         return None
     found = stated_structure(other, rng).rank
-    return (
-        MimicRanks(rank, found)
-        if len(mechanism.couplings) > len(other.couplings)
-        else MimicRanks(found, rank)
-    )
+    if len(mechanism.couplings) > len(other.couplings):
+        return MimicRanks(rank, found)
+    return MimicRanks(found, rank)
 
 
 def _to_the_letter(mechanism: Mechanism, rng: np.random.Generator) -> int:

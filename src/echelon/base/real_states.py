@@ -280,11 +280,9 @@ class RealStates:
                 "the columns are independent at these values of the symbols"
             )
         numbers = [self._number(x, bits) for x in solution[auxiliary:].flat]
-        return (
-            None
-            if None in numbers
-            else [number for number in numbers if number is not None]
-        )
+        if None in numbers:
+            return None
+        return [number for number in numbers if number is not None]
 
     def _number(self, x: Any, bits: int) -> Number | None:
         return 0 if vanishes(x, bits) else exact_number(x, self.states.irrational)

@@ -254,11 +254,9 @@ class StatedColumns:
             found = interpolate(unknown, self.rng, Work.of(1), MOST_PRIMES)
         except ClosedFormError:
             return None
-        return (
-            None
-            if None in found
-            else [f.numerator.number or 0 for f in found if f is not None]
-        )
+        if None in found:
+            return None
+        return [f.numerator.number or 0 for f in found if f is not None]
 
     # -- in balls ------------------------------------------------------------------------------------------------
 
@@ -314,13 +312,11 @@ class StatedColumns:
         zero, one = flint.arb(0), flint.arb(1)
 
         def entry(pivot: int, column: int) -> Any:
-            return (
-                solved[column].get(pivot, zero)
-                if column in solved
-                else one
-                if pivot == column
-                else zero
-            )
+            if column in solved:
+                return solved[column].get(pivot, zero)
+            if pivot == column:
+                return one
+            return zero
 
         columns = sorted({column for _, column in pairs})
         left = flint.arb_mat(

@@ -131,11 +131,9 @@ def _value_text(name: str, values: StatedValues) -> str:
         return str(number) if isinstance(number, int) else decimal_text(number)
     angle = values.angles[name]
     steps = angle.half_turns * STEPS_PER_HALF_TURN
-    return (
-        f"{int(steps) * 15}°"
-        if not angle.radians and steps.denominator == 1
-        else f"{angle} rad"
-    )
+    if not angle.radians and steps.denominator == 1:
+        return f"{int(steps) * 15}°"
+    return f"{angle} rad"
 
 
 def _grid_part(name: str, terms: Terms, values: StatedValues) -> Fraction:

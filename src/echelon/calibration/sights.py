@@ -96,9 +96,9 @@ class Sight:
     def measured(self) -> int:
         """Numbers that the log holds for each row."""
         fixed = self.kind == "distance" and self.radius is not None
-        return (
-            0 if fixed else {"pose": 12, "position": 3, "distance": 1}.get(self.kind, 0)
-        )
+        if fixed:
+            return 0
+        return {"pose": 12, "position": 3, "distance": 1}.get(self.kind, 0)
 
     @property
     def constrains(self) -> bool:

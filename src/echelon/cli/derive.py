@@ -104,14 +104,12 @@ def _rendered(base: BaseModel | LinearBase, output_format: str, *, full: bool) -
         return to_json(base)
     if output_format.startswith("regressor"):
         formulas = base.symbolic_regressor()
-        return (
-            formulas.latex() if output_format.endswith("latex") else formulas.python()
-        )
-    return (
-        to_latex(base, full=full)
-        if output_format == "latex"
-        else to_markdown(base, full=full)
-    )
+        if output_format.endswith("latex"):
+            return formulas.latex()
+        return formulas.python()
+    if output_format == "latex":
+        return to_latex(base, full=full)
+    return to_markdown(base, full=full)
 
 
 Read = Mapping[str, Any]  # keyword arguments of ``echelon.load``

@@ -47,11 +47,9 @@ class _AsciiStyle(TextStyle):
 
     def generator(self, name: str, exponent: int) -> str:
         power = f"^{exponent}" if exponent > 1 else ""
-        return (
-            f"{name[:3]}({angle_text(name, self)}){power}"
-            if is_trigonometric(name)
-            else f"{name}{power}"
-        )
+        if is_trigonometric(name):
+            return f"{name[:3]}({angle_text(name, self)}){power}"
+        return f"{name}{power}"
 
     def number(self, value: Number) -> str:
         return str(value)

@@ -58,11 +58,9 @@ class NodePrinter:
         return self._text(node)[0]
 
     def _text(self, node: int) -> Text:
-        return (
-            (self._names[node], Binding.ATOM)
-            if node in self._names
-            else self._operation(node)
-        )
+        if node in self._names:
+            return self._names[node], Binding.ATOM
+        return self._operation(node)
 
     def _operation(self, node: int) -> Text:
         program, op = self._program, Op(self._program.ops[node])
@@ -90,9 +88,9 @@ class NodePrinter:
         size = self._language.literal(
             -value if is_negative(value) else value, self._precision
         )
-        return (
-            (f"-{size}", Binding.SIGN) if is_negative(value) else (size, Binding.ATOM)
-        )
+        if is_negative(value):
+            return f"-{size}", Binding.SIGN
+        return size, Binding.ATOM
 
 
 def _at_least(binding: Binding, text: Text) -> str:

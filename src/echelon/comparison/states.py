@@ -101,11 +101,9 @@ def _range_of(
     name: str, kind: MotionKind, ranges: Mapping[str, tuple[float, float]]
 ) -> tuple[float, float]:
     """The range of a position: of a component of a unit quaternion, or of what follows from loops, any value."""
-    return (
-        (-1.0, 1.0)
-        if kind is MotionKind.BALL
-        else ranges.get(f"q[{name}]", (-_ANYWHERE, _ANYWHERE))
-    )
+    if kind is MotionKind.BALL:
+        return -1.0, 1.0
+    return ranges.get(f"q[{name}]", (-_ANYWHERE, _ANYWHERE))
 
 
 def _stated_limits(robot: Mechanism) -> Mapping[str, StatedLimits]:

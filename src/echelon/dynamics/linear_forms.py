@@ -213,9 +213,9 @@ class Rows:
     @property
     def freed(self) -> Rows | None:
         """These rows with free variables in the place of functions; see :attr:`LinearForms.freed`."""
-        return (
-            None if self.forms.freed is None else Rows(self.forms.freed, self.auxiliary)
-        )
+        if self.forms.freed is None:
+            return None
+        return Rows(self.forms.freed, self.auxiliary)
 
 
 def rows_of(mechanism: Mechanism) -> Rows:

@@ -167,11 +167,9 @@ class RecordedOutputs:
     def effect_derivatives(self) -> dict[Index, Scalar]:
         """Derivatives of the forces of effects by the state."""
         forces, motion = self.effects(), self.dependent_motion
-        return (
-            self._derivatives(forces)
-            if motion is None
-            else self._derivatives_in_loops(motion, forces)
-        )
+        if motion is None:
+            return self._derivatives(forces)
+        return self._derivatives_in_loops(motion, forces)
 
     def state_derivatives(self) -> dict[Index, Scalar]:
         """Derivatives of all forces by row and column; see :meth:`inertial_derivatives`."""

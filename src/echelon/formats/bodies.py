@@ -412,12 +412,10 @@ def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _MotionPair
     if not motions or motions[0].kind is MotionKind.BALL:
         return None
     if body.parent == GROUND:
-        return (
-            None
-            if down is None
-            else _MotionPair(
-                body, "gravity", down.axis, down.frame.inverse(), turns=False
-            )
+        if down is None:
+            return None
+        return _MotionPair(
+            body, "gravity", down.axis, down.frame.inverse(), turns=False
         )
     joint = bodies[body.parent].joint
     if not joint.motions or joint.motions[-1].kind is MotionKind.BALL:

@@ -278,11 +278,9 @@ class Snapping:
         short = round(Fraction(value), digits)
         if abs(float(short - value)) <= DOUBLE_ROUNDING * self.scale:
             return short
-        return (
-            round(Fraction(value), digits + 2)
-            if Fraction(value).denominator > 10**DOUBLE_DIGITS
-            else value
-        )
+        if Fraction(value).denominator > 10**DOUBLE_DIGITS:
+            return round(Fraction(value), digits + 2)
+        return value
 
     def name_lengths(
         self, steps: tuple[Step, ...], label: str, element: str
@@ -449,11 +447,9 @@ class Snapping:
 
     def angle_tolerance(self, element: str) -> float:
         """Largest difference, rad, at which an angle is read as a multiple of 15°."""
-        return (
-            min(PRECISION, self.options.snap_tolerance)
-            if element in self.literal
-            else self.options.snap_tolerance
-        )
+        if element in self.literal:
+            return min(PRECISION, self.options.snap_tolerance)
+        return self.options.snap_tolerance
 
     def _angle_symbol(self, wanted: Symbol) -> str:
         size = wanted.value or 0.0

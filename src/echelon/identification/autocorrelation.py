@@ -172,11 +172,9 @@ def _running(whole: Floats, tail: int, lags: int) -> Floats:
 def usual_step(gaps: Floats) -> float:
     """Time between samples where some are missing; the smallest gap up to rounding of time stamps, or nan."""
     positive = gaps[gaps > 0]
-    return (
-        float(np.median(positive[positive < 1.5 * positive.min()]))
-        if len(positive)
-        else float("nan")
-    )
+    if len(positive):
+        return float(np.median(positive[positive < 1.5 * positive.min()]))
+    return float("nan")
 
 
 def _first(flags: npt.NDArray[np.bool_]) -> int:

@@ -62,11 +62,9 @@ class Fit:
     @property
     def percent(self) -> float:
         """The root mean square in per cent of the range of the measured values."""
-        return (
-            100 * self.rms / (self.high - self.low)
-            if self.high > self.low
-            else float("nan")
-        )
+        if self.high > self.low:
+            return 100 * self.rms / (self.high - self.low)
+        return float("nan")
 
     def __add__(self, other: Fit) -> Fit:
         """Fit to both sets of rows; merged without cancellation (Chan, Golub and LeVeque 1983)."""
@@ -158,11 +156,9 @@ class Score:
     @property
     def r2_without_bias(self) -> float:
         """R² of what is left when the mean of the residual is taken off, as an offset of the sensor would be."""
-        return (
-            self.r2
-            if self.rms == 0
-            else 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
-        )
+        if self.rms == 0:
+            return self.r2
+        return 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
 
     @property
     def is_below_noise(self) -> bool:
@@ -284,10 +280,8 @@ def grade(score: Score) -> Grade | None:
         return None
     if score.r2 <= 0:
         return Grade.USELESS
-    return (
-        Grade.GOOD
-        if score.r2 >= GOOD
-        else Grade.USABLE
-        if score.r2 >= USABLE
-        else Grade.POOR
-    )
+    if score.r2 >= GOOD:
+        return Grade.GOOD
+    if score.r2 >= USABLE:
+        return Grade.USABLE
+    return Grade.POOR

@@ -291,11 +291,11 @@ def _biased(scores: Sequence[Score]) -> list[str]:
         if found
         else ""
     )
-    return (
-        [f"Residuals are biased for {shown}: an offset is missing or has drifted."]
-        if found
-        else []
-    )
+    if found:
+        return [
+            f"Residuals are biased for {shown}: an offset is missing or has drifted."
+        ]
+    return []
 
 
 def _total(prior: Sequence[Score], scores: Sequence[Score]) -> float:

@@ -192,9 +192,10 @@ class Assembly(ClosedMotion):
             largest((ahead - q) / self.position_units) > STRIDE / 10
         )  # not so where links are folded onto each other
         q = q[done & gone & (self.mobility(ahead) > 0)]
-        return (
-            q[np.linalg.norm(self._distances(q), axis=1).argmin()] if len(q) else None
-        )
+        if not len(q):
+            return None
+        nearest: Floats = q[np.linalg.norm(self._distances(q), axis=1).argmin()]
+        return nearest
 
     def _disturbed(self, size: Floats | float) -> Floats:
         """The stated pose with random turns and slides of what is in loops, shape (tries, positions)."""

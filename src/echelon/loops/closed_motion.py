@@ -285,11 +285,9 @@ class ClosedMotion:
     def determined(self, q: Floats) -> Floats:
         """The smallest singular value of the equations for the dependent velocities, about the largest, shape (N,)."""
         unknown = len(self._dependent)
-        return (
-            self.singular_values(q, self._dependent)[:, unknown - 1]
-            if unknown
-            else np.ones(len(q))
-        )
+        if unknown:
+            return self.singular_values(q, self._dependent)[:, unknown - 1]
+        return np.ones(len(q))
 
     def virtual_velocities(self, q: Floats) -> Floats:
         """Virtual velocities of all coordinates that belong to each output, shape (N, velocities, outputs)."""

@@ -236,11 +236,9 @@ def _follows(
 
 
 def _independent(count: int) -> str:
-    return (
-        "1 coordinate is independent"
-        if count == 1
-        else f"{count} coordinates are independent"
-    )
+    if count == 1:
+        return "1 coordinate is independent"
+    return f"{count} coordinates are independent"
 
 
 def locked_joints(mechanism: Mechanism) -> tuple[str, ...]:

@@ -52,11 +52,9 @@ class Spline:
         text = str(
             Polynomial.sum(c * x**k for k, c in enumerate(self.coefficients, start=1))
         )
-        return (
-            str(self.ratio)
-            if self.ratio is not None
-            else text + f" and {len(self.knots)} knots" * bool(self.knots)
-        )
+        if self.ratio is not None:
+            return str(self.ratio)
+        return text + f" and {len(self.knots)} knots" * bool(self.knots)
 
     @property
     def ratio(self) -> Polynomial | None:

@@ -154,20 +154,16 @@ class Motion:
     @cached_property
     def positions(self) -> tuple[str, ...]:
         """Names of the position coordinates; a ball has a unit quaternion (w, x, y, z)."""
-        return (
-            tuple(f"{self.name}.{c}" for c in "wxyz")
-            if self.kind is MotionKind.BALL
-            else (self.name,)
-        )
+        if self.kind is MotionKind.BALL:
+            return tuple(f"{self.name}.{c}" for c in "wxyz")
+        return (self.name,)
 
     @cached_property
     def velocities(self) -> tuple[str, ...]:
         """Names of the velocity coordinates; a ball has the angular velocity in the moved frame, rad/s."""
-        return (
-            tuple(f"{self.name}.{c}" for c in "xyz")
-            if self.kind is MotionKind.BALL
-            else (self.name,)
-        )
+        if self.kind is MotionKind.BALL:
+            return tuple(f"{self.name}.{c}" for c in "xyz")
+        return (self.name,)
 
 
 Step = Placement | Motion

@@ -394,11 +394,9 @@ class StatedValues:
         def symbol(name: str) -> Any:
             if name in (PI, PER_PI):
                 return units.pi if name == PI else field.invert(units.pi)
-            return (
-                self._point(name, field, units)
-                if name in self.angles
-                else self._residue(name, field, units)
-            )
+            if name in self.angles:
+                return self._point(name, field, units)
+            return self._residue(name, field, units)
 
         def circle(point: Point, count: int) -> tuple[int, int]:
             c, s = field.multiply_angle(point, count)

@@ -92,9 +92,9 @@ def _mapped(value: Any, put: Callable[[Polynomial], Polynomial]) -> Any:
     found = replace(
         value, **{f.name: _mapped(getattr(value, f.name), put) for f in fields(value)}
     )  # type: ignore[type-var]
-    return (
-        replace(found, steps=merge(found.steps)) if isinstance(found, Joint) else found
-    )
+    if isinstance(found, Joint):
+        return replace(found, steps=merge(found.steps))
+    return found
 
 
 def _text(term: str, values: Mapping[str, Polynomial]) -> str:

@@ -181,11 +181,9 @@ def kind_of(annotation: Any) -> ValueCheck | None:
         )
     if isinstance(origin, type):
         return _PLAIN.get(origin) or _container(origin, parts)
-    return (
-        _PLAIN.get(annotation, _instance(annotation))
-        if isinstance(annotation, type)
-        else None
-    )
+    if isinstance(annotation, type):
+        return _PLAIN.get(annotation, _instance(annotation))
+    return None
 
 
 def _any_of(kinds: Sequence[ValueCheck]) -> ValueCheck:
@@ -229,9 +227,9 @@ def _container(origin: type, parts: tuple[Any, ...]) -> ValueCheck | None:
                 _is_list(value, origin) and (kind is None or _all_of(kind, value))
             ),
         )
-    return (
-        ValueCheck("a function", callable) if origin is _CALLABLE else _instance(origin)
-    )
+    if origin is _CALLABLE:
+        return ValueCheck("a function", callable)
+    return _instance(origin)
 
 
 def _is_list(value: Any, origin: type) -> bool:
@@ -244,11 +242,9 @@ def _is_list(value: Any, origin: type) -> bool:
 
 def _all_of(kind: ValueCheck, values: Any) -> bool:
     """Whether each entry is accepted; what can be read once only is left alone."""
-    return (
-        all(map(kind.accepts, values))
-        if isinstance(values, Sequence | np.ndarray)
-        else True
-    )
+    if isinstance(values, Sequence | np.ndarray):
+        return all(map(kind.accepts, values))
+    return True
 
 
 def _all_accepted(

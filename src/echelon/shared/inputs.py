@@ -211,11 +211,9 @@ def dump_flow(data: Any) -> str:
             width=float("inf"),
         )
     )
-    return (
-        text.strip()[1:-1]
-        if isinstance(data, dict) and len(data) == 1
-        else text.strip()
-    )
+    if isinstance(data, dict) and len(data) == 1:
+        return text.strip()[1:-1]
+    return text.strip()
 
 
 def parse_yaml(

@@ -255,9 +255,9 @@ def multiple_of(generator: str) -> tuple[int, str]:
     argument = generator[4:-1]
     count, _, symbol = argument.partition("*")  # names in brackets may hold a * too
     # decimals of doubles are counted in units of 1e-20 and less, so counts have any number of digits
-    return (
-        (int(count), symbol) if count.isascii() and count.isdigit() else (1, argument)
-    )
+    if count.isascii() and count.isdigit():
+        return int(count), symbol
+    return 1, argument
 
 
 def is_trigonometric(generator: str) -> bool:
@@ -346,11 +346,9 @@ class Polynomial:
     def __eq__(self, other: object) -> bool:
         if isinstance(other, int | Fraction | Surd):
             other = Polynomial.constant(other)
-        return (
-            self.terms == other.terms
-            if isinstance(other, Polynomial)
-            else NotImplemented
-        )
+        if isinstance(other, Polynomial):
+            return self.terms == other.terms
+        return NotImplemented
 
     def __hash__(self) -> int:
         if self._hash is None:

@@ -421,11 +421,9 @@ class RealPoints:
             for name in self.constants
             if name not in self._stated
         ]
-        return (
-            [f"regions as for {', '.join(shown)}, which have no stated value"]
-            if shown
-            else []
-        )
+        if shown:
+            return [f"regions as for {', '.join(shown)}, which have no stated value"]
+        return []
 
 
 def _random_numbers(rng: np.random.Generator, count: int) -> Floats:

@@ -159,11 +159,9 @@ def _operated(op: Op, a: _Masks, b: _Masks, below: int) -> _Masks:
     if op is Op.DIV and below:
         b = (below,)
     if b == (0,) or a == b:
-        return (
-            a
-            if b == (0,) or op is not Op.MUL or len(a) == 1
-            else _maximal([x | y for x in a for y in b])
-        )
+        if b == (0,) or op is not Op.MUL or len(a) == 1:
+            return a
+        return _maximal([x | y for x in a for y in b])
     if a == (0,):
         return b
     return _maximal(
@@ -299,14 +297,14 @@ class RealValues:
     def _sign(self, value: flint.arb, bits: int, nested: bool) -> int | None:
         if value > 0 or value < 0:
             return 1 if value > 0 else -1
-        return (
-            0
-            if nested
+        if (
+            nested
             and bits == _BITS[-1]
             and value.is_finite()
             and value.rad() < 2.0 ** (-bits / 2)
-            else None
-        )
+        ):
+            return 0
+        return None
 
     def _balls(self, point: Floats, bits: int) -> list[flint.arb]:
         before = flint.ctx.prec

@@ -181,11 +181,9 @@ class _SympyReader:
             )
         if not e.is_Function or name not in SUPPORTED or len(e.args) != 1:
             raise _refusal(e)
-        return (
-            self._circular(name, e.args[0])
-            if name in _CIRCULAR
-            else self._function(name, e.args[0])
-        )
+        if name in _CIRCULAR:
+            return self._circular(name, e.args[0])
+        return self._function(name, e.args[0])
 
     def _symbol(self, name: str) -> Scalar:
         if name not in self.symbols:

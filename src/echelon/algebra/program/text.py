@@ -119,13 +119,11 @@ def turned(op: Op, rest: Scalar, cosine: Number, sine: Number) -> Scalar:
         return program.function(op, rest)
     c, s = rest.cos(), rest.sin()
     whole_cosine, whole_sine = c * cosine - s * sine, s * cosine + c * sine
-    return (
-        whole_sine / whole_cosine
-        if op is Op.TAN
-        else whole_cosine
-        if op is Op.COS
-        else whole_sine
-    )
+    if op is Op.TAN:
+        return whole_sine / whole_cosine
+    if op is Op.COS:
+        return whole_cosine
+    return whole_sine
 
 
 class _Recorder:

@@ -232,13 +232,11 @@ def precision_of(texts: Iterable[str]) -> DecimalPrecision:
     ]
     decimals = max((-int(number.exponent) for number in found), default=0)
     significant = max((len(number.digits) for number in found), default=0)
-    return (
-        DecimalPrecision(
+    if decimals > 0:
+        return DecimalPrecision(
             min(decimals, DECIMAL_DIGITS), min(significant, DECIMAL_DIGITS)
         )
-        if decimals > 0
-        else DecimalPrecision(None)
-    )
+    return DecimalPrecision(None)
 
 
 # -- expressions that are linear in the parameters ---------------------------------------------------------------------
@@ -287,11 +285,9 @@ class LinearReader:
                 return {"": RationalFunction(Polynomial.generator("pi"))}
             case ast.Name(id=name):
                 parameter = self.parameter(name)
-                return (
-                    {parameter: _ONE}
-                    if parameter
-                    else {"": RationalFunction(self.symbol(name))}
-                )
+                if parameter:
+                    return {parameter: _ONE}
+                return {"": RationalFunction(self.symbol(name))}
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return _scaled(self._terms(operand), RationalFunction(-1))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):

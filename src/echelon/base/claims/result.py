@@ -163,11 +163,9 @@ class Audit:
             return Verdict.INCOMPLETE
         if any(finding.redundant for finding in self.findings):
             return Verdict.REDUNDANT
-        return (
-            Verdict.EQUAL_TO_PRINTED_DIGITS
-            if Agreement.PRINTED_DIGITS in agreements
-            else Verdict.EQUAL
-        )
+        if Agreement.PRINTED_DIGITS in agreements:
+            return Verdict.EQUAL_TO_PRINTED_DIGITS
+        return Verdict.EQUAL
 
     @property
     def numeric(self) -> bool:

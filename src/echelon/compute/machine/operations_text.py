@@ -139,11 +139,9 @@ class Vector:
         return self._filled("i64", str(value))
 
     def _filled(self, kind: str, text: str) -> str:
-        return (
-            "<" + ", ".join([f"{kind} {text}"] * self.lanes) + ">"
-            if self.lanes > 1
-            else text
-        )
+        if self.lanes > 1:
+            return "<" + ", ".join([f"{kind} {text}"] * self.lanes) + ">"
+        return text
 
 
 def number(value: float) -> str:
@@ -303,13 +301,11 @@ class Writer:
             return code.let(f"fneg {v.type} {a}")
         if op in (Op.SIN, Op.COS, Op.TAN):
             s, c = self._sincos(operand, a)
-            return (
-                s
-                if op is Op.SIN
-                else c
-                if op is Op.COS
-                else code.let(f"fdiv {v.type} {s}, {c}")
-            )
+            if op is Op.SIN:
+                return s
+            if op is Op.COS:
+                return c
+            return code.let(f"fdiv {v.type} {s}, {c}")
         if op is Op.SQRT:
             return code.let(f"call {v.type} @llvm.sqrt.{v.suffix}({v.type} {a})")
         if op is Op.ABS:

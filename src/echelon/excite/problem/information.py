@@ -227,11 +227,9 @@ class OptimalityCriterion:
 def condition_number(F: Floats) -> float:
     """Condition number of an observation matrix with this information; infinite if columns depend on one another."""
     values = np.linalg.eigvalsh(F)
-    return (
-        float(np.sqrt(values[-1] / values[0]))
-        if values[0] > 1e-15 * values[-1]
-        else float("inf")
-    )
+    if values[0] > 1e-15 * values[-1]:
+        return float(np.sqrt(values[-1] / values[0]))
+    return float("inf")
 
 
 def log_det(F: Floats) -> float:

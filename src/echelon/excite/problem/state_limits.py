@@ -312,9 +312,9 @@ class EffortModel:
 
     def places(self, mechanism: Mechanism) -> Sequence[int]:
         """Columns of a mechanism's regressor."""
-        return (
-            range(len(mechanism.parameters)) if self.columns is None else self.columns
-        )
+        if self.columns is None:
+            return range(len(mechanism.parameters))
+        return self.columns
 
     def part(self, columns: npt.NDArray[np.intp]) -> EffortModel:
         """The model of some of the values."""

@@ -436,11 +436,9 @@ def _carried(entry: ModifiedRow | StandardRow | BodyEntry) -> tuple[int, ...]:
     """Which of the ten parameters a part carries."""
     if entry.massless:
         return ()
-    return (
-        ALL
-        if entry.parameters is None
-        else tuple(sorted({PARAMETERS.index(kind) for kind in entry.parameters}))
-    )
+    if entry.parameters is None:
+        return ALL
+    return tuple(sorted({PARAMETERS.index(kind) for kind in entry.parameters}))
 
 
 # -- both -----------------------------------------------------------------------------------------------------------

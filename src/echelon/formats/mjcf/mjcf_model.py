@@ -379,11 +379,11 @@ def _effect_notes(spec: Any) -> list[str]:
     }
     if any(actuator.trntype not in joints for actuator in spec.actuators):
         found.append("actuators that act through tendons, sites or bodies")
-    return (
-        [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"]
-        if found
-        else []
-    )
+    if found:
+        return [
+            f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"
+        ]
+    return []
 
 
 def _is_limited(tendon: Any) -> bool:

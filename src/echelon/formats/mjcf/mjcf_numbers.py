@@ -60,11 +60,9 @@ def placements_of(
     yaw = atan2(-matrix[0, 1], matrix[1, 1])
     locked = LiteralPlacement(element, xyz, (0, exact_angle(pitch), exact_angle(yaw)))
     remainder = _rpy(rotation_matrix(0.0, pitch, float(locked.rpy[2])).T @ matrix)
-    return (
-        (locked, LiteralPlacement(f"{element} remainder", (0, 0, 0), remainder))
-        if any(remainder)
-        else (locked,)
-    )
+    if any(remainder):
+        return locked, LiteralPlacement(f"{element} remainder", (0, 0, 0), remainder)
+    return (locked,)
 
 
 def _rpy(matrix: npt.NDArray[np.float64]) -> Triple:

@@ -203,11 +203,9 @@ class _MjcfReader:
     def _reference(self, joint: int) -> Rational:
         value = float(self.model.qpos0[self.model.jnt_qposadr[joint]])
         try:
-            return (
-                exact_angle(value)
-                if self._kind(joint) == "hinge"
-                else exact_number(value)
-            )
+            if self._kind(joint) == "hinge":
+                return exact_angle(value)
+            return exact_number(value)
         except InputError as error:
             raise InputError(
                 error.problem,

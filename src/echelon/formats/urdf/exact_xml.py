@@ -45,11 +45,9 @@ class ExactXml:
     def origin(self, element: Any, where: str) -> LiteralPlacement:
         """The frame that <origin> in an element states; the element's own without one."""
         origin = None if element is None else element.find("origin")
-        return (
-            LiteralPlacement(f"{where} origin")
-            if origin is None
-            else self.placement(origin, f"{where} origin")
-        )
+        if origin is None:
+            return LiteralPlacement(f"{where} origin")
+        return self.placement(origin, f"{where} origin")
 
     def placement(self, element: Any, where: str) -> LiteralPlacement:
         """The frame that an element states by the attributes xyz and rpy."""

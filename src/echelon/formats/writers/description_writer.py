@@ -218,9 +218,9 @@ def write_description(
 def _gravity(gravity: Vector | None) -> str | list[str]:
     if gravity is None:
         return "none"
-    return (
-        "generic" if gravity == GENERIC else [expression_text(part) for part in gravity]
-    )
+    if gravity == GENERIC:
+        return "generic"
+    return [expression_text(part) for part in gravity]
 
 
 def _function(function: Spline) -> str | dict[str, Any]:
@@ -360,11 +360,9 @@ def _guess(joint: Joint) -> dict[str, Any]:
         written["axis2"] = (
             _axis(motions[1]) if perpendicular else "xyz"[(motions[0].axis + 1) % 3]
         )
-    return (
-        {"joint": written}
-        if frame.is_identity
-        else {"joint": written, "frame": frame_data(frame)}
-    )
+    if frame.is_identity:
+        return {"joint": written}
+    return {"joint": written, "frame": frame_data(frame)}
 
 
 def _reader(mechanism: Mechanism) -> Joints:

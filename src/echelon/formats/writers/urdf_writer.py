@@ -398,11 +398,9 @@ def _floating_base(mechanism: Mechanism) -> int | None:
         (1, 1),
         (2, 1),
     ]
-    return (
-        hanging[0]
-        if motions == first and plain and tuple(m.kind for m in motions) == _FLOATING
-        else None
-    )
+    if motions == first and plain and tuple(m.kind for m in motions) == _FLOATING:
+        return hanging[0]
+    return None
 
 
 def _new(name: str, taken: set[str]) -> str:

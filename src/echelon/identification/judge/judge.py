@@ -665,11 +665,9 @@ class Judge:
         return words if gain.mean > _READ_ELSEWHERE and gain.ratio > _SURE else None
 
     def _known(self, values: Floats) -> Floats:
-        return (
-            values
-            if self.values is None
-            else np.append(self.values, values[self.base.rank :])
-        )
+        if self.values is None:
+            return values
+        return np.append(self.values, values[self.base.rank :])
 
 
 @dataclass(frozen=True)

@@ -51,9 +51,9 @@ def listed(names: Iterable[str]) -> str:
 def enumerated(names: Sequence[str], separator: str = ", ") -> str:
     """Some names, the first ones if they are many."""
     shown = [*names[:MOST_NAMED], *(["others"] if len(names) > MOST_NAMED else [])]
-    return (
-        shown[0] if len(shown) == 1 else f"{separator.join(shown[:-1])} and {shown[-1]}"
-    )
+    if len(shown) == 1:
+        return shown[0]
+    return f"{separator.join(shown[:-1])} and {shown[-1]}"
 
 
 def counted(count: int, one: str, many: str = "") -> str:

@@ -195,11 +195,9 @@ class Prior:
         ``symbols`` are values of those that the model's file does not state.
         """
         inertial = [column.body is not None for column in base.mechanism.columns]
-        return (
-            None
-            if np.isnan(self.values[inertial]).any()
-            else base.values(np.nan_to_num(self.values), symbols)
-        )
+        if np.isnan(self.values[inertial]).any():
+            return None
+        return base.values(np.nan_to_num(self.values), symbols)
 
     def __repr__(self) -> str:
         known = int(np.isfinite(self.values).sum())

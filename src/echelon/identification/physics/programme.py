@@ -202,11 +202,9 @@ class Programme:
     @cached_property
     def roots(self) -> Floats:
         """Factors L of the reference bodies, shape (b, 4, 4)."""
-        return (
-            factor(self.reference.bodies)
-            if len(self.reference.bodies)
-            else np.zeros((0, SIZE, SIZE))
-        )
+        if len(self.reference.bodies):
+            return factor(self.reference.bodies)
+        return np.zeros((0, SIZE, SIZE))
 
     @cached_property
     def others(self) -> list[int]:

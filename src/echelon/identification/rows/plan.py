@@ -97,11 +97,9 @@ def spread_out(
             number += 1
             if len(kept) > 2 * parts:
                 kept, every = kept[::2], 2 * every
-    return (
-        kept
-        if every == 0 or len(kept) <= parts
-        else [kept[k * len(kept) // parts] for k in range(parts)]
-    )
+    if every == 0 or len(kept) <= parts:
+        return kept
+    return [kept[k * len(kept) // parts] for k in range(parts)]
 
 
 def _windows(samples: Samples, length: int) -> Iterator[Samples]:

@@ -409,13 +409,11 @@ def _damping(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:
         for e in mechanism.effects
         if any(a.kind == "viscous" and a.at in names for a in e.actions)
     ]
-    return (
-        (
+    if rubbing:
+        return (
             f"{', '.join(rubbing)} hold the servos' damping gains as well as viscous friction",
         )
-        if rubbing
-        else ()
-    )
+    return ()
 
 
 def _unclear(estimate: Estimate, servos: Mapping[str, str]) -> Sequence[str]:

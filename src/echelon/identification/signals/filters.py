@@ -161,9 +161,9 @@ class FirFilter:
     def reach(self) -> int:
         """Samples on either side that a result depends on."""
         own = len(self.taps) // 2
-        return (
-            own if self.before is None else self.before.reach + own * self.before.factor
-        )
+        if self.before is None:
+            return own
+        return self.before.reach + own * self.before.factor
 
     def apply(self, values: Floats) -> Floats:
         """The filtered values at the samples that remain, each ``factor``-th: shape (N, …) to (kept, …).

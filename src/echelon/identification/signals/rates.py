@@ -46,11 +46,9 @@ class Rate:
     @property
     def relative(self) -> float:
         """Standard error of the slope as a share of it; inf where nothing moves."""
-        return (
-            self.error / abs(self.slope)
-            if np.isfinite(self.slope) and self.slope
-            else np.inf
-        )
+        if np.isfinite(self.slope) and self.slope:
+            return self.error / abs(self.slope)
+        return np.inf
 
     def explains_more(self, other: Rate) -> bool:
         """Whether this leaves less than the other, by more than chance; in each block by its own size."""

@@ -84,11 +84,9 @@ class PositionSpectrum:
         """Mean frequency of the velocity by Rice's formula, σ(ẍ) / (2π σ(ẋ)), Hz, over frequencies up to ``below``."""
         power = self.motion * self.frequencies**2 * (self.frequencies <= below)
         total = float(power.sum())
-        return (
-            float(np.sqrt(float(power @ self.frequencies**2) / total))
-            if total > 0
-            else 0.0
-        )
+        if total > 0:
+            return float(np.sqrt(float(power @ self.frequencies**2) / total))
+        return 0.0
 
 
 def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> PositionSpectrum:

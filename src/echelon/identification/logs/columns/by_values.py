@@ -53,11 +53,9 @@ class Family:
     @property
     def label(self) -> str:
         """The first and the last column."""
-        return (
-            self.columns[0]
-            if len(self.columns) == 1
-            else f"{self.columns[0]} … {self.columns[-1]}"
-        )
+        if len(self.columns) == 1:
+            return self.columns[0]
+        return f"{self.columns[0]} … {self.columns[-1]}"
 
 
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Za-z](?![A-Za-z0-9])")
@@ -84,24 +82,20 @@ def families(
 
     def by_number(column: str) -> tuple[str, int] | None:
         found = _NUMBER.search(column)
-        return (
-            (
+        if found:
+            return (
                 f"{column[: found.start()]}{{}}{column[found.end() :]}",
                 int(found.group()),
             )
-            if found
-            else None
-        )
+        return None
 
     def by_letter(column: str) -> tuple[str, int] | None:
         last = next(reversed([*_LETTER.finditer(column)]), None)
+        if last is None:
+            return None
         return (
-            None
-            if last is None
-            else (
-                f"{column[: last.start()]}{{}}{column[last.end() :]}",
-                ord(last.group()),
-            )
+            f"{column[: last.start()]}{{}}{column[last.end() :]}",
+            ord(last.group()),
         )
 
     def by_word(place: int) -> Callable[[str], tuple[str, int]]:

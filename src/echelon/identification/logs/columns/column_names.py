@@ -168,11 +168,9 @@ def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
             return found
     # the first parts of a topic are names that somebody chose
     *_, inner, last = ["", "", *rest.split("/")]
-    return (
-        _by_words(f"{inner}/{last}", name, unit)
-        if rest.count("/") > 2 and rest.startswith("/")
-        else None
-    )
+    if rest.count("/") > 2 and rest.startswith("/"):
+        return _by_words(f"{inner}/{last}", name, unit)
+    return None
 
 
 def stated_unit(column: str) -> str:

@@ -162,11 +162,9 @@ def stamp(message: Any) -> int | None:
     """The time that a message carries, ``header.stamp`` or ``timestamp``, ns; None without one."""
     found = dict(fields(message))
     inside = dict(fields(found.get("header")))
-    return (
-        nanoseconds(inside["stamp"])
-        if "stamp" in inside
-        else nanoseconds(found.get("timestamp"))
-    )
+    if "stamp" in inside:
+        return nanoseconds(inside["stamp"])
+    return nanoseconds(found.get("timestamp"))
 
 
 def nanoseconds(value: Any) -> int | None:

@@ -76,11 +76,9 @@ class BlockParser:
         if not text.strip():
             return [np.empty(0) for _ in self.picked], []
         columns = self._by_arrow(text)
-        return (
-            (columns, [])
-            if columns is not None
-            else self._by_cells(lines, line, before)
-        )
+        if columns is not None:
+            return columns, []
+        return self._by_cells(lines, line, before)
 
     def _by_arrow(self, text: bytes) -> list[Floats] | None:
         """Columns of clean text; None if pyarrow refuses it, or is not installed."""
@@ -321,8 +319,6 @@ def _opened(path: Path) -> IO[bytes]:
     stream = path.open("rb")
     is_wide = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
     stream.seek(0)
-    return (
-        cast("IO[bytes]", codecs.EncodedFile(stream, "utf-8", "utf-16"))
-        if is_wide
-        else stream
-    )
+    if is_wide:
+        return cast("IO[bytes]", codecs.EncodedFile(stream, "utf-8", "utf-16"))
+    return stream

@@ -62,11 +62,9 @@ def cells(line: str, delimiter: str | None) -> list[str]:
     """A line's cells, without quotes and surrounding blanks."""
     text = line.strip("\r\n")
     if '"' not in text:
-        return (
-            text.split()
-            if delimiter is None
-            else [cell.strip() for cell in text.split(delimiter)]
-        )
+        if delimiter is None:
+            return text.split()
+        return [cell.strip() for cell in text.split(delimiter)]
     if delimiter is None:
         text, delimiter = text.replace("\t", " ").strip(), " "
     try:

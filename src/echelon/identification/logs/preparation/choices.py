@@ -216,9 +216,9 @@ class Signals:
             np.std(values[inside], axis=0)
             for values in (derivative(x, self.rate) - v, v)
         )
-        return (
-            float(np.max(apart / size)) if len(v[inside]) and (size > 0).all() else None
-        )
+        if len(v[inside]) and (size > 0).all():
+            return float(np.max(apart / size))
+        return None
 
     def _repeated(self) -> float:
         """Share of the noise of the velocities that is noise of the positions, by the nearest samples of these."""

@@ -199,11 +199,9 @@ def segments(
 
 def _count(time: Floats, rate: float | None) -> int:
     """Samples that a stretch has, and keeps at a lower rate."""
-    return (
-        len(time)
-        if rate is None
-        else min(len(time), int((time[-1] - time[0]) * rate) + 1)
-    )
+    if rate is None:
+        return len(time)
+    return min(len(time), int((time[-1] - time[0]) * rate) + 1)
 
 
 def _none(
