@@ -289,7 +289,7 @@ def _fitted(
 
         step("testing for errors of model and logs")
         is_far = feasible is not None and feasible.is_beyond(CLEAR)
-        judged, told = judged_fit(
+        judgements = judged_fit(
             data,
             estimate.values,
             validations,
@@ -323,7 +323,7 @@ def _fitted(
         base.mechanism.experiments, data.observation, estimate.values
     )
     facts = [
-        *filter(None, map(contradiction, judged)),
+        *filter(None, map(contradiction, judgements.taken)),
         *contradictions(feasible, findings, plan.preparation.measured),
     ]
     findings += fit_findings(estimate, conditions, feasible, physical, validations)
@@ -348,10 +348,11 @@ def _fitted(
             *judgement.reasons,
             *([] if conditions.is_complete else [conditions.verdict]),
         ),
-        hypotheses=tuple(told),
+        hypotheses=tuple(judgements.told),
+        untested=tuple(judgements.untested),
         experiments=setup.experiments,
     )
-    return result, judged
+    return result, judgements.taken
 
 
 def _split_logs(

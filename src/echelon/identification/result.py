@@ -138,6 +138,8 @@ class Identification:
         Reasons not to use the model; empty if there are none.
     hypotheses : tuple of Judged
         Possible errors of model and logs: those that explain residuals, and the next best.
+    untested : tuple of str
+        Hypotheses that these data do not let be tested, and why.
     experiments : tuple of Experiment
         The experiments that the logs belong to; none for one robot in one set-up.
     """
@@ -157,6 +159,7 @@ class Identification:
     verdict: str = ""
     reasons: tuple[str, ...] = ()
     hypotheses: tuple[Judged, ...] = ()
+    untested: tuple[str, ...] = ()
     experiments: tuple[Experiment, ...] = ()
 
     @property

@@ -107,7 +107,10 @@ def report_html(identification: Identification) -> str:
     contexts = {
         "header": _header(identification),
         "summary": _summary(identification),
-        "hypotheses": {"hypotheses": identification.hypotheses},
+        "hypotheses": {
+            "hypotheses": identification.hypotheses,
+            "untested": identification.untested,
+        },
         "parameters": parameters(identification),
         "traces": _traces(identification),
         "residuals": {"outputs": _outputs(identification), "open": OPEN_PLOTS},
