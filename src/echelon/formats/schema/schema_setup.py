@@ -24,7 +24,7 @@ from echelon.shared import (
     required,
 )
 
-Side = Literal["joint", "actuator"]
+Side = Literal["joint", "actuator", "output"]
 
 
 class FileJoint(Model):
@@ -99,11 +99,16 @@ class ReadyEffect(Model):
 
     type: Ready = required("Which effect.", "viscous")
     at: tuple[Name, ...] | Name = required(
-        "Coordinates or actuators, or all.", "all", ["j1", "j2"]
+        "Coordinates or actuators, or all; of an offset also sensors and their outputs, or outputs for all of them.",
+        "all",
+        ["j1", "j2"],
+        "ft",
+        "ft.fx",
     )
     side: Side | None = optional(
         None,
-        "In the drive, where only the actuator's torque sees it (default), or at the joint itself.",
+        "In the drive, where only the actuator's torque sees it (default), at the joint itself, or in the output of a "
+        "sensor.",
         "joint",
     )
     label: Name | None = optional(
@@ -176,9 +181,9 @@ class ReadyEffect(Model):
 class ActionEntry(Model):
     """Where a parameter acts, and the function that multiplies it."""
 
-    at: Name = required("Coordinate or actuator.", "m5")
+    at: Name = required("Coordinate, actuator or output of a sensor.", "m5")
     side: Side | None = optional(
-        None, "Which of the two; by default the actuator.", "joint"
+        None, "Which of these; by default the actuator, then the joint.", "joint"
     )
     term: Expression = required(
         "q, qd, qdd of the place itself, qd[j5] of another one, i for its measured input; sin cos tan exp "

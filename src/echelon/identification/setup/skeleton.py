@@ -38,7 +38,8 @@ from echelon.shared import EchelonError, Floats, InputError, dump_flow
 
 _EFFECTS = """\
 effects:
-  - usual                               # friction and an offset in every drive; rotors that the robot file states
+  - usual                               # friction and an offset in every drive, zeros of force/torque sensors; rotors
+                                        # that the robot file states
   # - rotor_inertia                     # geared motors, whose rotors weigh more than links
   # - {type: stribeck, at: all, velocity: 0.05}
 """
