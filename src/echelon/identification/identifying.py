@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.base import Identifiability, base_parameters
-from echelon.formats import slides, with_rotors
+from echelon.formats import fixed_frames, slides, with_rotors
 from echelon.identification.chosen_values import chosen_values
 from echelon.identification.constants import Constant, Profile, started
 from echelon.identification.current_fit import gain_names
@@ -297,6 +297,9 @@ def _fitted(
             seed=setup.seed,
             is_contradicted=bool(unsolved) or is_far,
             gravity_is_open=gravity_is_open,
+            frames=fixed_frames(setup.mechanism, setup.robot_file)
+            if base.mechanism.cuts
+            else {},
         )
         elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 

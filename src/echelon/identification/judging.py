@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from echelon.base import base_parameters
+from echelon.formats import FixedFrame
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
@@ -51,6 +52,7 @@ def _judge(
     values: Floats,
     *,
     seed: int | None = None,
+    frames: Mapping[str, FixedFrame] | None = None,
 ) -> Judge:
     """A judge of prepared samples and base parameters; with a seed it may turn gravity."""
     base, preparation = plan.base, plan.preparation
@@ -58,7 +60,8 @@ def _judge(
     states = States.of(samples, preparation.band or np.inf, base, values, gravity)
     columns = plan.columns[0] if plan.columns else ColumnMap()
     measured = "qd" in (preparation.measured or ())
-    readings = Readings(free, states, columns, measured, preparation.delays or {})
+    delays = preparation.delays or {}
+    readings = Readings(free, states, columns, measured, delays, frames or {})
     return Judge(free, states, readings)
 
 
@@ -82,10 +85,12 @@ def judged_fit(
     seed: int,
     is_contradicted: bool,
     gravity_is_open: bool,
+    frames: Mapping[str, FixedFrame],
 ) -> Judgements:
     """Hypotheses that explain what a fit with some base parameters leaves, and those beside them.
 
-    A fit that leaves nothing is not judged, unless physics contradict it.
+    A fit that leaves nothing is not judged, unless physics contradict it.  Axes of force/torque sensors may follow some
+    ``frames``.
     """
     is_doubtful = is_contradicted or _is_poor(validations)
     is_asked = is_doubtful or _is_unexplained(by_role(validations))
@@ -104,7 +109,7 @@ def judged_fit(
     unit = None if guess is None else common_unit(base, data.observation, guess)
     taken, told, untested = list[Judged](), list[Judged](), list[str]()
     if unit is not None or is_asked:
-        judge = _judge(data.plan, data.fitted(), values, seed=seed)
+        judge = _judge(data.plan, data.fitted(), values, seed=seed, frames=frames)
         judge = replace(judge, doubtful=is_doubtful, gravity_is_open=gravity_is_open)
         if prior is not None:
             judge.prior = prior.base_values(judge.base, judge.states.symbols)

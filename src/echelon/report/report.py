@@ -453,6 +453,7 @@ def physics(run: Identification) -> Context:
     return {
         "feasibility": feasibility,
         "is_noise": feasibility is not None and not feasibility.is_beyond(CLEAR),
+        "is_trusted": not run.reasons,
         "physical": fit,
         "moved": [] if feasibility is None else _moved(run, feasibility),
         "bodies": [] if fit is None else _bodies(run.base.mechanism, fit),
