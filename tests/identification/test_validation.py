@@ -477,6 +477,11 @@ def test_an_output_below_the_noise_of_its_sensor_is_not_judged() -> None:
     assert "R² of j2 is low because the output varies little here" in verdict(
         quiet, fitted
     )
+    wrong = judged(score("j1"), score("j2", r2=0.4), role="identification")
+    text = verdict(quiet, wrong)
+    assert "R² of j2 is low on the fitted data, too" in text
+    assert "varies little" not in text
+    assert "carries over" not in text
     assert overall_verdict(quiet).text.startswith("The model is poor")
     silent = replace(quiet.scores[1], noise=2.0)
     found = overall_verdict(judged(score("j1"), silent))

@@ -159,6 +159,8 @@ SETUPS = {
     "some torques": "outputs: [{wrench: two, components: [ty]}, {wrench: three, components: [tx], frame: {xyz: [0, b, a]}}]",
     "load cell": "outputs: [{name: pin, unit: N, sum: [{wrench: three, component: fx, frame: {xyz: [0.1, 0, a]}, weight: a},"
     "{wrench: three, component: tz, weight: -2}, {joint: one}]}, {wrench: two, components: [ty]}]",
+    "zeros": "outputs: [{wrench: base, name: s, components: [fz, tx]}, {joint: one}]\n"
+    "effects: [{type: offset, at: s}, {parameter: P, unit: N, acts: [{at: s.fz, term: 'qd[two]'}]}]",
 }
 
 

@@ -111,8 +111,11 @@ def _places_of_effects(
     for effect in mechanism.effects:
         names: list[str] = []
         for action in effect.actions:
-            joint = action.side is Side.JOINT
-            names += [action.at] if joint else drives[action.at]
+            match action.side:
+                case Side.JOINT:
+                    names.append(action.at)
+                case Side.ACTUATOR:
+                    names += drives[action.at]
         found.append([owner[name] for name in names])
     return found
 

@@ -585,7 +585,7 @@ class _RecordedPowers:
     ) -> Scalar:
         total = self.program.zero
         for side, at, force in forces:
-            speeds = motion.freedoms if side is Side.JOINT else motion.drives
+            speeds = motion.at(side)
             if at in speeds:
                 total = total + force * speeds[at]
         return total

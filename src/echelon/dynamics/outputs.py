@@ -44,7 +44,6 @@ from echelon.robot import (
     Placement,
     Probes,
     Recorder,
-    Side,
     Step,
     Vector,
     VirtualMotion,
@@ -299,7 +298,7 @@ class RecordedOutputs:
                 continue
             for side, at, force in recorder.forces(effect):
                 for row, motion in enumerate(self._motions):
-                    speeds = motion.freedoms if side is Side.JOINT else motion.drives
+                    speeds = motion.at(side)
                     if at in speeds:
                         yield (
                             effect.parameter,

@@ -1,5 +1,9 @@
 """Names that other rooms may use, and where each is defined."""
 
+from echelon.formats.attached_frames import FixedFrame as FixedFrame
+from echelon.formats.attached_frames import fixed_frames as fixed_frames
+from echelon.formats.attached_frames import named_axes as named_axes
+from echelon.formats.attached_frames import other_axes as other_axes
 from echelon.formats.description.document import Document as Document
 from echelon.formats.inertial_decimals import inertial_rounding as inertial_rounding
 from echelon.formats.joint_limits import StatedLimits as StatedLimits

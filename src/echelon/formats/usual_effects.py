@@ -3,6 +3,7 @@
 Hardly any file states friction that was measured, and a fit without it spoils inertias.  So every measured drive gets
 viscous and Coulomb friction and an offset.  A rotor adds as much as a link to some robots and nothing to others: it is
 there where the file gives a joint an armature or a transmission.  Numbers that the file states become prior values.
+Force/torque sensors drift, so that each of their components gets an offset, too: its zero.
 """
 
 from __future__ import annotations
@@ -19,18 +20,23 @@ DriveNumbers = Mapping[str, Mapping[str, float]]
 """What a file states of the drives of coordinates: kinds of effects with values, nan where only the kind is known."""
 
 EVERYWHERE = ("viscous", "coulomb", "offset")
+AT_OUTPUTS = ("offset",)
+"""Effects that need no state of the place where they act, as a sensor has none."""
 _WHERE_STATED = ("rotor_inertia", "spring")
 _ONLY_FIRST = ("spring",)  # its preload is the offset
 
 
 def with_usual_effects(mechanism: Mechanism, stated: DriveNumbers) -> Mechanism:
-    """The mechanism with the usual effects in every drive, or joint, that is measured, before its own, which count."""
+    """The mechanism with the usual effects at all that is measured, before its own, which count."""
     found: list[Effect] = []
     places = list(_measured_places(mechanism))
     for kind in (*EVERYWHERE, *_WHERE_STATED):
         for name, side in places:
             if kind in EVERYWHERE or kind in stated.get(name, {}):
                 found += _made(mechanism, kind, name, side, stated)
+    for output in mechanism.stated_outputs:
+        if output.cuts:
+            found += made_at(mechanism, "offset", output.name, Side.OUTPUT)
     own = (
         {effect.parameter for effect in mechanism.effects},
         {effect.actions for effect in mechanism.effects},
@@ -87,13 +93,29 @@ def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
 def _made(
     mechanism: Mechanism, kind: str, name: str, side: Side, stated: DriveNumbers
 ) -> tuple[Effect, ...]:
-    made = ready_made(
-        kind, name, side, effect_label(mechanism, name), sliding=slides(mechanism, name)
-    )
+    made = made_at(mechanism, kind, name, side)
     value = stated.get(name, {}).get(kind)
     if value is not None and isfinite(value):
         made = (replace(made[0], value=value), *made[1:])
     return made[:1] if kind in _ONLY_FIRST else made
+
+
+def made_at(
+    mechanism: Mechanism,
+    kind: str,
+    at: str,
+    side: Side,
+    label: str | None = None,
+    constants: dict[str, str] | None = None,
+) -> tuple[Effect, ...]:
+    """The parameters of a ready-made effect at a coordinate, an actuator or an output."""
+    if side is not Side.OUTPUT:
+        label = label or effect_label(mechanism, at)
+        sliding = slides(mechanism, at)
+        return ready_made(kind, at, side, label, sliding=sliding, constants=constants)
+    unit = next(o.unit for o in mechanism.stated_outputs if o.name == at)
+    made = ready_made(kind, at, side, label or symbol_stem(at), sliding=False)
+    return tuple(replace(effect, unit=unit) for effect in made)
 
 
 def effect_label(mechanism: Mechanism, at: str) -> str:

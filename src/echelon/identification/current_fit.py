@@ -57,6 +57,16 @@ class _Output:
         )
         return moved
 
+    def follows(self, values: Floats) -> bool:
+        """Whether its currents follow the model by more than one sample's noise; else any larger gain does as well."""
+        if self.place is None:
+            return True
+        # the derivative by the logarithm of the gain is the predicted current
+        slopes = self.jacobian(values)[:, self.columns[self.place]]
+        predicted = np.linalg.norm(slopes) * abs(self.scale(values))
+        noise = np.linalg.norm(self.residual(values)) / np.sqrt(max(self.rows, 1))
+        return bool(predicted > noise)
+
     @property
     def size(self) -> float:
         """Norm of all its currents, or of its measured values."""
@@ -126,6 +136,10 @@ _NOTHING_FOUND = (
     "no drive gains were found that explain the currents best: they hardly follow the model; look for a wrong sign or "
     "order of currents, or give runs with a heavier load"
 )
+_NOT_FOLLOWED = (
+    "it hardly follows the model, so that its gain grows without limit; look for a wrong sign or order of columns, or "
+    "state its gain"
+)
 
 
 def _fitted(
@@ -163,6 +177,9 @@ def _fitted(
     is_same_sign = all(part.scale(found.x) * part.scale(values) > 0 for part in parts)
     if not (found.success and is_same_sign):
         raise InputError(_NOTHING_FOUND)
+    for part in parts:
+        if not part.follows(found.x):
+            raise InputError(_NOT_FOLLOWED, element=f"output '{part.label}'")
     return found.x, inverse_triangle(upper_triangle(slopes(found.x)))
 
 

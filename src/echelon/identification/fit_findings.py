@@ -21,7 +21,9 @@ from echelon.identification.scores import (
     NOISELESS,
     OVERFIT,
     UNEXPLAINED,
+    Grade,
     Validation,
+    grade,
 )
 from echelon.shared import Floats
 
@@ -82,10 +84,12 @@ def fit_findings(
     validations: Sequence[Validation],
 ) -> list[Finding]:
     """Findings about a fit: its scores, its conditioning, and physics."""
+    grades = [grade(score) for some in validations for score in some.scores]
+    fits_well = all(some is None or some >= Grade.USABLE for some in grades)
     return [
         *_of_scores(validations),
         *_of_estimate(estimate, seen),
-        *_of_physics(feasible, physical, estimate),
+        *_of_physics(feasible, physical, estimate, fits_well=fits_well),
     ]
 
 
@@ -155,7 +159,11 @@ def _of_estimate(estimate: Estimate, seen: DataConditioning) -> Iterable[Finding
 
 
 def _of_physics(
-    feasible: Feasibility | None, physical: PhysicalFit | None, estimate: Estimate
+    feasible: Feasibility | None,
+    physical: PhysicalFit | None,
+    estimate: Estimate,
+    *,
+    fits_well: bool,
 ) -> Iterable[Finding]:
     if feasible is not None and feasible.feasible is False:
         away = f"{feasible.distance:.2g} standard deviations"
@@ -167,9 +175,8 @@ def _of_physics(
             )
             yield warning("feasibility", "", text)
         else:
-            text = (
-                f"the estimate is slightly unphysical ({away}), as expected from noise"
-            )
+            why = ", as expected from noise" * fits_well
+            text = f"the estimate is slightly unphysical ({away}){why}"
             yield note("feasibility", "", text)
     rows = max(sum(estimate.rows), 1)
     if physical is not None and physical.misfit > OVERFIT * max(

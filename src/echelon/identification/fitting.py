@@ -33,7 +33,7 @@ from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
 from echelon.identification.physics.prior_information import Prior
 from echelon.identification.setup.setup import Setup
-from echelon.robot import Mechanism
+from echelon.robot import Mechanism, Side
 from echelon.shared import EchelonError, Floats, InputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -221,12 +221,15 @@ def _feasibility(base: BaseModel, fit: BaseFit) -> Feasibility:
 
 
 def without_friction(base: BaseModel, fit: BaseFit) -> Floats | None:
-    """Base parameters of a model fitted without friction, offsets and springs, shape (r,); None if there are none."""
+    """Base parameters of a model fitted without friction, offsets and springs, shape (r,); None if there are none.
+
+    Zeros of sensors stay.
+    """
     mechanism = base.mechanism
     inertial = {
         e.parameter
         for e in mechanism.effects
-        if all(action.read.is_inertial for action in e.actions)
+        if all(a.read.is_inertial or a.side is Side.OUTPUT for a in e.actions)
     }
     kept = [
         k

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.base import Identifiability, base_parameters
-from echelon.formats import slides, with_rotors
+from echelon.formats import fixed_frames, slides, with_rotors
 from echelon.identification.chosen_values import chosen_values
 from echelon.identification.constants import Constant, Profile, started
 from echelon.identification.current_fit import gain_names
@@ -288,7 +288,7 @@ def _fitted(
 
         step("testing for errors of model and logs")
         is_far = feasible is not None and feasible.is_beyond(CLEAR)
-        judged, told = judged_fit(
+        judgements = judged_fit(
             data,
             estimate.values,
             validations,
@@ -296,6 +296,9 @@ def _fitted(
             seed=setup.seed,
             is_contradicted=bool(unsolved) or is_far,
             gravity_is_open=gravity_is_open,
+            frames=fixed_frames(setup.mechanism, setup.robot_file)
+            if base.mechanism.cuts
+            else {},
         )
         elsewhere = misread_elsewhere(data, models["model"], validations, unseen_logs)
 
@@ -322,7 +325,7 @@ def _fitted(
         base.mechanism.experiments, data.observation, estimate.values
     )
     facts = [
-        *filter(None, map(contradiction, judged)),
+        *filter(None, map(contradiction, judgements.taken)),
         *contradictions(feasible, findings, plan.preparation.measured),
     ]
     findings += fit_findings(estimate, conditions, feasible, physical, validations)
@@ -345,10 +348,11 @@ def _fitted(
         predict_with=used,
         settings={**_record(setup, plan), "constants": list(map(asdict, constants))},
         judgement=replace(judgement, remarks=(*judgement.remarks, fitted)),
-        hypotheses=tuple(told),
+        hypotheses=tuple(judgements.told),
+        untested=tuple(judgements.untested),
         experiments=setup.experiments,
     )
-    return result, judged
+    return result, judgements.taken
 
 
 def _split_logs(

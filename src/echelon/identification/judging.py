@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from echelon.base import base_parameters
+from echelon.formats import FixedFrame
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
@@ -50,6 +51,7 @@ def _judge(
     values: Floats,
     *,
     seed: int | None = None,
+    frames: Mapping[str, FixedFrame] | None = None,
 ) -> Judge:
     """A judge of prepared samples and base parameters; with a seed it may turn gravity."""
     base, preparation = plan.base, plan.preparation
@@ -57,8 +59,20 @@ def _judge(
     states = States.of(samples, preparation.band or np.inf, base, values, gravity)
     columns = plan.columns[0] if plan.columns else ColumnMap()
     measured = "qd" in (preparation.measured or ())
-    readings = Readings(free, states, columns, measured, preparation.delays or {})
+    delays = preparation.delays or {}
+    readings = Readings(free, states, columns, measured, delays, frames or {})
     return Judge(free, states, readings)
+
+
+@dataclass(frozen=True)
+class Judgements:
+    """What a judge says of a fit."""
+
+    taken: list[Judged] = field(default_factory=list)  # what explains residuals
+    told: list[Judged] = field(default_factory=list)  # those, and the next best
+    untested: list[str] = field(
+        default_factory=list
+    )  # what could not be tested, and why
 
 
 def judged_fit(
@@ -70,36 +84,39 @@ def judged_fit(
     seed: int,
     is_contradicted: bool,
     gravity_is_open: bool,
-) -> tuple[list[Judged], list[Judged]]:
-    """Hypotheses that explain what a fit with some base parameters leaves, and those that are told.
+    frames: Mapping[str, FixedFrame],
+) -> Judgements:
+    """Hypotheses that explain what a fit with some base parameters leaves, and those beside them.
 
-    A fit that leaves nothing is not judged, unless physics contradict it.
+    A fit that leaves nothing is not judged, unless physics contradict it.  Axes of force/torque sensors may follow some
+    ``frames``.
     """
     is_doubtful = is_contradicted or _is_poor(validations)
     is_asked = is_doubtful or _is_unexplained(by_role(validations))
     if not data.plan.rows([]).is_plain:
         parts = _parts(data, values, prior, seed) if is_asked else ()
-        taken, told = list[Judged](), list[Judged]()
+        judgements = Judgements()
         for name, judge in parts:
             judge.doubtful = is_doubtful
             found = judge.run() if judge.is_told else []
-            taken += [_in(name, some) for some in found]
-            told += [_in(name, some) for some in judge.told]
-        return taken, told
+            judgements.taken.extend(_in(name, some) for some in found)
+            judgements.told.extend(_in(name, some) for some in judge.told)
+            judgements.untested.extend(_of(name, some) for some in judge.untested)
+        return judgements
     base = data.plan.base
     guess = None if prior is None else prior.base_values(base)
     unit = None if guess is None else common_unit(base, data.observation, guess)
-    taken, told = [], []
+    taken, told, untested = list[Judged](), list[Judged](), list[str]()
     if unit is not None or is_asked:
-        judge = _judge(data.plan, data.fitted(), values, seed=seed)
+        judge = _judge(data.plan, data.fitted(), values, seed=seed, frames=frames)
         judge = replace(judge, doubtful=is_doubtful, gravity_is_open=gravity_is_open)
         if prior is not None:
             judge.prior = prior.base_values(judge.base, judge.states.symbols)
         taken = judge.run() if judge.is_told else []
-        told = judge.told
+        told, untested = judge.told, judge.untested
     if unit is not None and not any(some.kind is Kind.READING for some in taken):
         taken, told = [unit, *taken], [unit, *told]
-    return taken, told
+    return Judgements(taken, told, untested)
 
 
 def _parts(
@@ -131,7 +148,11 @@ def _parts(
 
 def _in(experiment: str, judged: Judged) -> Judged:
     """A hypothesis that says of which experiment's logs it is."""
-    return replace(judged, words=f"{judged.words} (in the logs of '{experiment}')")
+    return replace(judged, words=_of(experiment, judged.words))
+
+
+def _of(experiment: str, words: str) -> str:
+    return f"{words} (in the logs of '{experiment}')"
 
 
 def _is_poor(validations: Sequence[Validation]) -> bool:

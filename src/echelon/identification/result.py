@@ -136,6 +136,8 @@ class Identification:
         Everything needed to repeat the run: seed, versions, options.
     hypotheses : tuple of Judged
         Possible errors of model and logs: those that explain residuals, and the next best.
+    untested : tuple of str
+        Hypotheses that these data do not let be tested, and why.
     experiments : tuple of Experiment
         The experiments that the logs belong to; none for one robot in one set-up.
     """
@@ -154,6 +156,7 @@ class Identification:
     judgement: Judgement
     settings: Mapping[str, Any] = field(default_factory=dict)
     hypotheses: tuple[Judged, ...] = ()
+    untested: tuple[str, ...] = ()
     experiments: tuple[Experiment, ...] = ()
 
     @property

@@ -232,6 +232,7 @@ def _listed(silent: Mapping[str, str]) -> str:
 
 def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]:
     known = {s.output: s.rms for s in fitted if s.rms > 0}
+    poor = {s.output for s in fitted if grade(s) is not None and _is_poor(s)}
     ratios = {
         s.output: s.rms / known[s.output]
         for s in scores
@@ -241,14 +242,16 @@ def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]
     if not ratios:
         return []
     if not worse:
-        quiet = [
-            s.output
-            for s in scores
-            if s.output in ratios and (grade(s) or Grade.USELESS) < Grade.USABLE
-        ]
+        low = [s.output for s in scores if s.output in ratios and _is_poor(s)]
+        wrong = [name for name in low if name in poor]
+        if wrong:
+            return [
+                f"R² of {enumerated(wrong)} is low on the fitted data, too: an effect is missing, or columns are wrong."
+            ]
+        # residuals are no larger than where R² is higher
         why = (
-            f"; R² of {enumerated(quiet)} is low because the output varies little here"
-            if quiet
+            f"; R² of {enumerated(low)} is low because the output varies little here"
+            if low
             else ""
         )
         return [
@@ -259,6 +262,10 @@ def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]
         f"Residuals are larger than on the fitted data for {shown}: the model is overfitted, or these data show "
         "further effects."
     ]
+
+
+def _is_poor(score: Score) -> bool:
+    return (grade(score) or Grade.USELESS) < Grade.USABLE
 
 
 def _against_prior(validation: Validation) -> list[str]:

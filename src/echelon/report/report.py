@@ -109,7 +109,10 @@ def report_html(identification: Identification) -> str:
     contexts = {
         "header": _header(identification),
         "summary": _summary(identification),
-        "hypotheses": {"hypotheses": identification.hypotheses},
+        "hypotheses": {
+            "hypotheses": identification.hypotheses,
+            "untested": identification.untested,
+        },
         "parameters": parameters(identification),
         "traces": _traces(identification),
         "residuals": {"outputs": _outputs(identification), "open": OPEN_PLOTS},
@@ -477,6 +480,7 @@ def physics(run: Identification) -> Context:
     return {
         "feasibility": feasibility,
         "is_noise": feasibility is not None and not feasibility.is_beyond(CLEAR),
+        "is_trusted": not run.reasons,
         "physical": fit,
         "moved": [] if feasibility is None else _moved(run, feasibility),
         "bodies": [] if fit is None else _bodies(run.base.mechanism, fit),

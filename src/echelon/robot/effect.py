@@ -1,6 +1,7 @@
 """Effects: forces in joints and drives that are linear in parameters of their own (friction, springs, rotor inertia).
 
-Every effect is one parameter times a known function of the state, acting along one or more coordinates.  The usual
+Every effect is one parameter times a known function of the state, acting along one or more coordinates, or added to
+what a sensor reads, as the zero of a force/torque sensor is.  The usual
 ones are ready-made; any other is an expression.  What an effect is follows from its expression, whoever wrote it: a row
 of :data:`KINDS` if it has the shape of one, and the properties of :class:`~echelon.robot.term.TermTree`.
 """
@@ -17,18 +18,19 @@ from echelon.robot.term import TermTree, has_shape, read_term
 
 
 class Side(StrEnum):
-    """The side of a drive on which an effect acts; it decides which sensors see the effect."""
+    """Where an effect acts, a side of a drive or a sensor; it decides which sensors see the effect."""
 
     JOINT = "joint"  # at the joint itself: torque sensors in the joint see it
     ACTUATOR = "actuator"  # in the drive: only the actuator's torque or current sees it
+    OUTPUT = "output"  # in a measured output itself: no other one sees it
 
 
 @dataclass(frozen=True)
 class Action:
     """A generalised force per unit of a parameter."""
 
-    at: str  # joint coordinate or actuator along which it acts
-    side: Side  # which of the two ``at`` names
+    at: str  # joint coordinate or actuator along which it acts, or output that it adds to
+    side: Side  # which of these ``at`` names
     # expression of the state: ``q``, ``qd``, ``qdd`` are position, velocity and acceleration of ``at`` itself,
     # ``qd[j5]`` those of another coordinate or actuator, ``i[name]`` a measured input; symbols as in the geometry
     term: str

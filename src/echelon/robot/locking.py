@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from math import tan
 
 from echelon.algebra import as_polynomial, circle_point
 from echelon.robot.coupling import Coupling, Spline
-from echelon.robot.effect import Effect
+from echelon.robot.effect import Effect, Side
 from echelon.robot.joint import (
     Body,
     Joint,
@@ -56,15 +56,16 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechani
     gone = {name for key in all_positions for name in (key, *motions[key].velocities)}
     actuators = tuple(_actuators(mechanism, gone))
     gone |= {a.name for a in mechanism.actuators} - {a.name for a in actuators}
+    measured = mechanism.measured
+    if measured is not None:
+        measured = tuple(_outputs(measured, gone))
     return replace(
         mechanism,
         bodies=tuple(_body(body, all_positions) for body in mechanism.bodies),
         couplings=tuple(c for c in mechanism.couplings if c.coordinate not in gone),
         actuators=actuators,
-        effects=tuple(_effects(mechanism, gone, all_positions)),
-        measured=None
-        if mechanism.measured is None
-        else tuple(_outputs(mechanism.measured, gone)),
+        effects=tuple(_effects(mechanism, gone, all_positions, measured or ())),
+        measured=measured,
         locked={**mechanism.locked, **_standing(mechanism, all_positions)},
     )
 
@@ -180,10 +181,14 @@ def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:
 
 
 def _effects(
-    mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]
+    mechanism: Mechanism,
+    gone: set[str],
+    positions: Mapping[str, float],
+    measured: Collection[Output],
 ) -> Iterable[Effect]:
-    """Effects where something moves, with what does not move standing still."""
+    """Effects where something moves or is measured, with what does not move standing still."""
     still = _still(mechanism, gone, positions)
+    left = {output.name for output in measured}
 
     for effect in mechanism.effects:
         actions = []
@@ -191,7 +196,11 @@ def _effects(
             term = read_term(action.term)
             texts: dict[ast.expr, str] = {}
             held = {q.name for q in term.quantities if q.at in gone}
-            if action.at in gone or "i" in held:
+            if action.side is Side.OUTPUT:
+                acts = action.at in left
+            else:
+                acts = action.at not in gone
+            if not acts or "i" in held:
                 continue
             for q in term.quantities:
                 if q.at is not None and q.at in gone:

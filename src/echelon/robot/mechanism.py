@@ -445,6 +445,11 @@ class Mechanism:
         return tuple(output for output in self.outputs if not output.reads)
 
     @property
+    def stated_outputs(self) -> tuple[Output, ...]:
+        """Sensors that are stated, with measured values of their own: those that may have effects such as a zero."""
+        return () if self.measured is None else self.sensed
+
+    @property
     def springs(self) -> frozenset[str]:
         """Drives without motors: the springs of elastic drives."""
         sensed = {force.at for output in self.sensed for force, _ in output.forces}
@@ -688,6 +693,9 @@ def _check_contacts(mechanism: Mechanism) -> None:
                 )
 
 
+_OWN_STATE = {"q", "qd", "qdd", "i"}  # of the place where a term acts
+
+
 def _check_effects(mechanism: Mechanism) -> None:
     taken = {
         parameter.name for parameter in mechanism.columns if parameter.body is not None
@@ -700,8 +708,12 @@ def _check_effects(mechanism: Mechanism) -> None:
         raise InputError(
             f"the symbol '{clash}' has the name of a standard parameter; rename it"
         )
-    drives = [actuator.name for actuator in mechanism.transmission.actuators]
     joints = [name for motion in mechanism.motions for name in motion.velocities]
+    places = {
+        Side.JOINT: joints,
+        Side.ACTUATOR: [a.name for a in mechanism.transmission.actuators],
+        Side.OUTPUT: [o.name for o in mechanism.stated_outputs],
+    }
     named: dict[str, Effect] = {}
     for effect in mechanism.effects:
         where = f"effect '{effect.parameter}'"
@@ -717,14 +729,21 @@ def _check_effects(mechanism: Mechanism) -> None:
             raise InputError(problem, element=where)
         for action in effect.actions:
             try:
-                read_term(action.term)
+                term = read_term(action.term)
             except InputError as error:
                 raise InputError(error.problem, element=where) from None
-            valid = drives if action.side is Side.ACTUATOR else joints
-            if action.at not in valid:
-                names = ", ".join(valid) or "none"
+            if action.at not in places[action.side]:
+                names = ", ".join(places[action.side]) or "none"
                 raise InputError(
                     f"there is no {action.side} '{action.at}' (valid: {names})",
+                    element=where,
+                )
+            own = sorted(_OWN_STATE & term.symbols)
+            own += ["i"] if effect.bristles is not None else []
+            if action.side is Side.OUTPUT and own:
+                raise InputError(
+                    f"the output '{action.at}' has no {own[0]} of its own: name a joint or an actuator, such as "
+                    f"{own[0]}[{joints[0]}]",
                     element=where,
                 )
 

@@ -23,6 +23,7 @@ from echelon.robot.joint import (
     turned,
 )
 from echelon.robot.mechanism import Cut, Mechanism
+from echelon.robot.term import read_term
 from echelon.shared import Floats, InputError
 
 Vec = tuple[Scalar, Scalar, Scalar]
@@ -376,8 +377,20 @@ class VirtualMotion:
         str, Scalar
     ]  # of joint coordinates (dependent ones included) and cuts; absent where zero
     drives: Mapping[str, Scalar]  # of actuators, whose effects the output sees
+    # weights of measured values by the output that they are of, in whose effects the output shares
+    measured: Mapping[str, Scalar]
     # those of freedoms that the outputs determine; in a mechanism with loops the others follow, unless it is empty
     chosen: Mapping[str, Scalar]
+
+    def at(self, side: Side) -> Mapping[str, Scalar]:
+        """Velocities by the names of places where effects act."""
+        match side:
+            case Side.JOINT:
+                return self.freedoms
+            case Side.ACTUATOR:
+                return self.drives
+            case Side.OUTPUT:
+                return self.measured
 
 
 Speeds = Callable[[Mapping[str, Scalar]], Mapping[str, Scalar]]
@@ -394,6 +407,7 @@ def virtual_motion(
     program = probes.recorder.program
     freedoms: dict[str, Scalar] = {}
     drives: dict[str, Scalar] = {}
+    measured: dict[str, Scalar] = {}
     if mechanism.closures:
         freedoms.update(dict.fromkeys(mechanism.independent_velocities, program.zero))
 
@@ -403,6 +417,7 @@ def virtual_motion(
     for output in mechanism.outputs:
         if output.name not in speeds:
             continue
+        increase(measured, output.reads or output.name, speeds[output.name])
         for cut, weight in output.cuts:
             increase(
                 freedoms,
@@ -427,7 +442,8 @@ def virtual_motion(
         if solved is None
         else solved(chosen)
     )
-    return VirtualMotion(_coupled(probes.recorder, freedoms), drives, chosen)
+    complete = _coupled(probes.recorder, freedoms)
+    return VirtualMotion(complete, drives, measured, chosen)
 
 
 def measured_motion(
@@ -473,7 +489,7 @@ def motion_of_joints(
         if moving:
             parts = (freedoms[n] * program.polynomial(ratio) for n, ratio in moving)
             drives[actuator.name] = sum(parts, program.zero)
-    return VirtualMotion(_coupled(recorder, freedoms), drives, {})
+    return VirtualMotion(_coupled(recorder, freedoms), drives, {}, {})
 
 
 def _coupled(recorder: Recorder, freedoms: dict[str, Scalar]) -> dict[str, Scalar]:
@@ -498,7 +514,7 @@ class EffectRecorder:
         self._states = self._all_states() if mechanism.effects else {}
 
     def forces(self, effect: Effect) -> list[tuple[Side, str, Scalar]]:
-        """Side, coordinate or actuator, and force per unit of the parameter."""
+        """Side, place there, and force per unit of the parameter."""
         return [(a.side, a.at, self._record(effect, a)) for a in effect.actions]
 
     def _record(self, effect: Effect, action: Action) -> Scalar:
@@ -508,6 +524,9 @@ class EffectRecorder:
             if f"{kind}[{action.at}]" in names:
                 names[kind] = names[f"{kind}[{action.at}]"]
         names["i"] = program.input(f"i[{action.at}]")
+        for quantity in read_term(action.term).quantities:
+            if quantity.name == "i" and quantity.at is not None:
+                names[f"i[{quantity.at}]"] = program.input(f"i[{quantity.at}]")
         for name in self.mechanism.symbols:
             names.setdefault(name, program.input(name, "symbol"))
         return record_expression(

@@ -146,9 +146,10 @@ class Robot:
         misses = map(self.plus, self.times([x, y, z, cross(x, y)], R), 4 * [-1], [row[:3] for row in (*ONE[:3], ONE[2])])
         need(not any(self.rest(x) for row in misses for x in row), "a matrix that is not a rotation")
         return [[*row, self.read(t)] for row, t in zip(R, data.get("xyz", "000"), strict=True)] + [ONE[3]]
-    def output(self, data):  # the name of an output, and weights of the displacements along which it measures
+    def output(self, data):  # the name of an output, and weights of the displacements along which it measures, one of its own
         terms = only(data, "name unit sum reads")["sum"] if "sum" in data else [data]
-        return ".".join([data["name"], *data.get("components", [])]), unique([(self.at(t), self.read(t.get("weight", "1"))) for t in terms])
+        name, sums = ".".join([data["name"], *data.get("components", [])]), [(self.at(t), self.read(t.get("weight", "1"))) for t in terms]
+        return name, unique([*sums, (("output", data.get("reads") or name), 1)])
     def at(self, term):  # of a displacement: along a joint, along a drive, or of a sensor between bodies
         (side,) = {*only(term, "name joint actuator wrench frame fixed_to components component weight")} & {"joint", "actuator", "wrench"}
         names = {"joint": self.driven, "actuator": self.drives, "wrench": ["base", *(body["name"] for body in self.model["bodies"])]}[side]
@@ -231,14 +232,14 @@ class Robot:
                 for i in moved.keys() - {*STATE}: rows[i][kind + body["label"]] += sum(map(mul, moved[i], done))
         for effect in self.model.get("effects", []):
             for act in only(effect, "parameter unit acts value bristles")["acts"]:
-                force, far = 2 * self.force(**act), self.moves[act["at"] if act["side"] == "joint" else ("actuator", act["at"])]
+                force, far = 2 * self.force(**act), self.moves[act["at"] if act["side"] == "joint" else (act["side"], act["at"])]
                 for i in far.keys() - {*STATE}: rows[i][effect["parameter"]] += far[i] * force
         forces, leads = dict(enumerate(slip for slip, unknown in self.slips(placed) if unknown)), {}
         for (i, row), (n, slip) in itertools.product(enumerate(rows), forces.items()): row[n] = slip.get(i, 0)
         for row in (rows := [self.combination([(1, row)]) for row in rows]): self.extend(leads, row, forces)
         return [row for row in (self.remains(row, leads) for row in rows) if row or not forces]  # where no unknown force enters
     def force(self, at, side, term):  # of an effect per unit
-        cover(at in {"joint": self.ratios, "actuator": self.drives}[side], f"an effect at {at!r}")
+        cover(at in {"joint": self.ratios, "actuator": self.drives}.get(side, ()) or (side, at) in self.moves, f"an effect at {at!r}")
         text = re.sub(r"(?<![\w\[])(qdd|qd|q|i)(?![\w\[])", rf"\1[{at!r}]", term)
         one, two, three = (evaluate(text, lambda name, n=n: self.of_state(name, n)) for n in (1, 2, 3))
         cover(not self.residue(one + three - 2 * two), f"products of signs: {term[:60]!r}")

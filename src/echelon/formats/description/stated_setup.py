@@ -34,7 +34,12 @@ from echelon.formats.schema.schema_setup import (
 )
 from echelon.formats.schema.schema_types import Frame, LoopEntry
 from echelon.formats.snapping import ReadingOptions
-from echelon.formats.usual_effects import effect_label, slides
+from echelon.formats.usual_effects import (
+    AT_OUTPUTS,
+    effect_label,
+    made_at,
+    slides,
+)
 from echelon.robot import (
     GROUND,
     POSITIVE_CONSTANTS,
@@ -79,6 +84,7 @@ ADDITIONS = (
 """Keys of a description that add to its bodies and joints."""
 
 EVERY = "all"
+EVERY_OUTPUT = "outputs"
 _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))
 _ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
 
@@ -153,7 +159,6 @@ class Additions:
         )
         for index, rotor in enumerate(self.robot.rotors):
             self._add_rotor(rotor, f"rotors[{index}]")
-        self.mechanism = replace(self.mechanism, effects=tuple(self._effects()))
         stated = self.robot.outputs
         if stated is None and self.springs:
             stated = (ActuatorOutput(actuator=EVERY),)
@@ -165,6 +170,7 @@ class Additions:
             ]
             measured += [spring.output(measured) for spring in self.springs if measured]
             self.mechanism = replace(self.mechanism, measured=tuple(measured))
+        self.mechanism = replace(self.mechanism, effects=tuple(self._effects()))
         return replace(
             self.mechanism, symbols={**self.mechanism.symbols, **self.expressions.named}
         )
@@ -292,25 +298,27 @@ class Additions:
 
     def _ready(self, entry: ReadyEffect, path: str) -> list[Effect]:
         names = (entry.at,) if isinstance(entry.at, str) else entry.at
-        if names == (EVERY,):
-            free = self.mechanism.floating_velocities
-            every = self.mechanism.velocities if entry.side == "joint" else self._drives
-            names = tuple(name for name in self._stiff(every) if name not in free)
+        places = [
+            place for name in names for place in self._places(name, entry, f"{path}.at")
+        ]
         for constant, text in entry.constants.items():
             self._check_positive(constant, text)
         found: list[tuple[Effect, ...]] = []
-        for name in names:
-            side = self._side(name, entry.side, f"{path}.at")
-            label = entry.label or effect_label(self.mechanism, name)
-            sliding = slides(self.mechanism, name)
+        for name, side in places:
+            if side is Side.OUTPUT and entry.type not in AT_OUTPUTS:
+                problem = (
+                    f"a sensor has no {entry.type} friction or force of its own: name a joint or an actuator; at "
+                    f"outputs there is {' or '.join(AT_OUTPUTS)}"
+                )
+                raise self.expressions.error(f"{path}.type", problem)
             found.append(
-                ready_made(
+                made_at(
+                    self.mechanism,
                     entry.type,
                     name,
                     side,
-                    label,
-                    sliding=sliding,
-                    constants=entry.constants,
+                    entry.label,
+                    entry.constants,
                 )
             )
         if entry.label is None or len(found) < 2:
@@ -336,7 +344,7 @@ class Additions:
         """Effects of one label at several places as one, whose parameter all places share."""
         if len({effect.unit for effect in effects}) > 1:
             raise self.expressions.error(
-                path, "places that share a label must all rotate or all slide"
+                path, "places that share a label must have the same unit, N or N·m"
             )
         return replace(
             effects[0],
@@ -348,16 +356,55 @@ class Additions:
         hidden = {name for s in self.springs for name in (s.name, s.spin)}
         return tuple(name for name in names if name not in hidden)
 
+    def _places(self, at: str, entry: ReadyEffect, path: str) -> list[tuple[str, Side]]:
+        """Places that a name stands for: all of them, or of a sensor its outputs."""
+        if at == EVERY:
+            free = self.mechanism.floating_velocities
+            side = Side(entry.side or Side.ACTUATOR)
+            every = {
+                Side.JOINT: self.mechanism.velocities,
+                Side.ACTUATOR: self._drives,
+                Side.OUTPUT: self._outputs,
+            }[side]
+            return [(name, side) for name in self._stiff(every) if name not in free]
+        sensors = {EVERY_OUTPUT: list(self._outputs)}
+        for output in self.mechanism.stated_outputs:
+            sensors.setdefault(output.sensor, []).append(output.name)
+        names, components = self._valid(entry.side), sensors.get(at, [])
+        may_be_sensor = entry.side in (None, Side.OUTPUT) and components not in (
+            [],
+            [at],
+        )
+        if may_be_sensor and at not in names:
+            return [(name, Side.OUTPUT) for name in components]
+        if may_be_sensor and entry.type in AT_OUTPUTS:
+            problem = f"'{at}' may be the sensor or the {names[at]} of this name: write side: output or side: {names[at]}"
+            raise self.expressions.error(path, problem)
+        return [(at, self._side(at, entry.side, path))]
+
     def _side(self, at: str, stated: str | None, path: str) -> Side:
-        drives = self._drives
-        joints = tuple(
-            name for motion in self.mechanism.motions for name in motion.velocities
-        )
-        valid = {"joint": joints, "actuator": drives}.get(
-            stated or "", (*drives, *joints)
-        )
-        self.expressions.check(at, valid, path, stated or "coordinate")
-        return Side(stated) if stated else Side.ACTUATOR if at in drives else Side.JOINT
+        valid = self._valid(stated)
+        kind = "coordinate or output" if self._outputs else "coordinate"
+        self.expressions.check(at, tuple(valid), path, stated or kind)
+        return valid[at]
+
+    def _valid(self, stated: str | None) -> dict[str, Side]:
+        """Names of places of one side, or of all: drives before joints, and these before outputs."""
+        joints = [n for motion in self.mechanism.motions for n in motion.velocities]
+        names: dict[Side, Sequence[str]] = {
+            Side.ACTUATOR: self._drives,
+            Side.JOINT: joints,
+            Side.OUTPUT: self._outputs,
+        }
+        found: dict[str, Side] = {}
+        for side in [Side(stated)] if stated else names:
+            for name in names[side]:
+                found.setdefault(name, side)
+        return found
+
+    @property
+    def _outputs(self) -> tuple[str, ...]:
+        return tuple(output.name for output in self.mechanism.stated_outputs)
 
     # -- what the entries of sensors ask for -----------------------------------------------------------------------
 

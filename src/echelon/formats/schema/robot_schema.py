@@ -321,8 +321,8 @@ class RobotDescription(Model):
     ) = optional(
         None,
         "Friction, springs, rotor inertia and other forces: a list, or by joint or type, or none. usual "
-        "stands for friction and an offset in every drive, and rotors and springs where the robot file shows any; "
-        "default: usual for logs, else none.",
+        "stands for friction and an offset in every drive, the zeros of force/torque sensors, and rotors and springs where "
+        "the robot file shows any; default: usual for logs, else none.",
         [{"type": "viscous", "at": "all"}],
         ["viscous", "coulomb"],
         {"elbow": ["viscous", "offset"]},

@@ -24,7 +24,7 @@ from echelon.shared import (
     required,
 )
 
-Side = Literal["joint", "actuator"]
+Side = Literal["joint", "actuator", "output"]
 
 
 class FileJoint(Model):
@@ -99,11 +99,16 @@ class ReadyEffect(Model):
 
     type: Ready = required("Type of the effect.", "viscous")
     at: tuple[Name, ...] | Name = required(
-        "Coordinates or actuators, or all.", "all", ["j1", "j2"]
+        "Coordinates or actuators, or all; of an offset also sensors and their outputs, or outputs for all of them.",
+        "all",
+        ["j1", "j2"],
+        "ft",
+        "ft.fx",
     )
     side: Side | None = optional(
         None,
-        "In the drive, where only the actuator's torque sees it (default), or at the joint itself.",
+        "In the drive, where only the actuator's torque sees it (default), at the joint itself, or in the output of a "
+        "sensor.",
         "joint",
     )
     label: Name | None = optional(
@@ -176,8 +181,12 @@ class ReadyEffect(Model):
 class ActionEntry(Model):
     """Where a parameter acts, and the function that multiplies it."""
 
-    at: Name = required("Coordinate or actuator.", "m5")
-    side: Side | None = optional(None, "Side of the drive; default: actuator.", "joint")
+    at: Name = required("Coordinate, actuator or output of a sensor.", "m5")
+    side: Side | None = optional(
+        None,
+        "Side of the drive or output of a sensor; default: actuator, then joint.",
+        "joint",
+    )
     term: Expression = required(
         "q, qd, qdd of the place itself, qd[j5] of another one, i for its measured input; sin cos tan exp "
         "log sinh cosh tanh asin acos atan atan2 sqrt abs sign max min.",

@@ -4,7 +4,8 @@ Standard parameters are about the frame's origin, where models are linear in the
 inertia about the centre of mass.  So every body needs a mass, unless it carries nothing at all.
 
 Files know joints, not drives.  An effect in a drive with a ratio of its own, θ = N q, appears at the joint N² times as
-large, dry friction |N| times.  Whatever is no such number (offsets, friction of coupled drives) is listed by value.
+large, dry friction |N| times.  Whatever is no such number (offsets, friction of coupled drives, zeros of sensors) is
+listed by value.
 """
 
 from __future__ import annotations
@@ -261,7 +262,7 @@ def kept_notes(
 def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | None:
     """An effect as one number of one joint; None for effects of other kinds, or on several joints."""
     number, constants = action.number, CONSTANTS.get(action.kind, {})
-    if number is None:
+    if number is None or action.side is Side.OUTPUT:
         return None
     if action.side is Side.JOINT:
         return _Simple(number, constants, action.at, value)

@@ -1,4 +1,4 @@
-"""Effects that a model may lack, at every drive or joint whose force is measured."""
+"""Effects that a model may lack, at every drive or joint whose force is measured, and zeros of other sensors."""
 
 from __future__ import annotations
 
@@ -70,11 +70,24 @@ def places(mechanism: Mechanism, q: int, qd: int) -> Iterator[Place]:
 def effects(mechanism: Mechanism, states: States, load: Floats) -> Iterator[Term]:
     """All effects at all places; ``load`` is what the model predicts, shape (samples, outputs)."""
     found = tuple(places(mechanism, states.q.shape[1], states.qd.shape[1]))
+    yield from _zeros(mechanism, states)
     for place in found:
         yield from _at(place, states, load[:, place.output])
         yield from _elsewhere(
             place, [other for other in found if other is not place], states
         )
+
+
+_CONSTANT = ("nothing but a constant", "{type: offset, at: {at}}", Usual.EVERYWHERE)
+
+
+def _zeros(mechanism: Mechanism, states: States) -> Iterator[Term]:
+    """Constants in what force/torque sensors say."""
+    words, entry, usual = _CONSTANT
+    for k, output in enumerate(mechanism.outputs):
+        if output.cuts and not output.reads:
+            signals = {k: np.ones((len(states.q), 1))}
+            yield Term(Kind.EFFECT, words, output.name, entry, usual, signals)
 
 
 def _at(place: Place, states: States, load: Floats) -> Iterator[Term]:
@@ -95,7 +108,7 @@ def _at(place: Place, states: States, load: Floats) -> Iterator[Term]:
         )
 
     every, often, rarely = Usual.EVERYWHERE, Usual.OFTEN, Usual.RARELY
-    yield term("nothing but a constant", "{type: offset, at: {at}}", every, one)
+    yield term(*_CONSTANT, one)
     yield term("the velocity qd", "{type: viscous, at: {at}}", every, qd)
     yield term("the direction sign(qd)", "{type: coulomb, at: {at}}", every, sign)
     yield term(

@@ -15,21 +15,31 @@ from echelon.base import BaseModel
 from echelon.compute import Layout, Observation, safe_norms, upper_triangle
 from echelon.identification.current_fit import fit_currents
 from echelon.identification.judge.evidence import Products
-from echelon.shared import Floats, InputError
+from echelon.shared import Floats, InputError, in_quotes
 
 APART = 1.4  # ratio of gains from which on outputs contradict one another
 _TOLD = 0.1  # relative standard deviation up to which the data tell a gain
 _MEETING = 1e-9  # singular value, relative to the largest, below which directions of rows are the same
 
 
-def own_gains(base: BaseModel, products: Products) -> dict[int, float]:
-    """Outputs with gains of their own, and how many times they are what they should be, which may be negative."""
+def own_gains(
+    base: BaseModel, products: Products
+) -> tuple[dict[int, float], list[str]]:
+    """Outputs with gains of their own, and how many times they are what they should be, which may be negative.
+
+    Beside them why gains of some outputs could not be tested.
+    """
     observation = _observation(base, products)
     used = [k for k, count in enumerate(observation.counts) if count]
     found: dict[int, float] = {}
+    untested = []
     for group in _one_scale(observation, used):
-        found |= _apart(observation, base.units, group)
-    return found
+        try:
+            found |= _apart(observation, base.units, group)
+        except InputError as error:
+            names = in_quotes([observation.layout.outputs[k] for k in group])
+            untested.append(f"gains of the outputs {names} ({error})")
+    return found, untested
 
 
 def _observation(base: BaseModel, products: Products) -> Observation:
@@ -81,17 +91,14 @@ def _apart(
     """Gains of outputs that have one scale: every unit but one is unknown, and each is compared with the usual one."""
     layout, scaled = observation.layout, group[1:]
     names = tuple(f"gain of {layout.outputs[k]}" for k in scaled)
-    try:
-        found = fit_currents(
-            _with_gains(observation, scaled, names),
-            [*units, *("" for _ in names)],
-            [
-                (names[scaled.index(k)],) if k in scaled else ()
-                for k in range(len(layout.outputs))
-            ],
-        )
-    except InputError:  # the data do not tell
-        return {}
+    found = fit_currents(
+        _with_gains(observation, scaled, names),
+        [*units, *("" for _ in names)],
+        [
+            (names[scaled.index(k)],) if k in scaled else ()
+            for k in range(len(layout.outputs))
+        ],
+    )
     gains = np.array([1.0, *found.values[len(layout.parameters) :]])
     deviations = np.array([0.0, *found.std[len(layout.parameters) :]])
     told = deviations < _TOLD * np.abs(gains)

@@ -76,6 +76,7 @@ _FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
 _UNITS = (1e-3, 1e3)  # rates by that taken, where ms and s were confused
 _RATES = (*np.geomspace(0.1, 10, 31), *_UNITS)  # that are tried first
 _FINER_RATES = ((1.17, 9), (1.03, 9))  # then, how far from the best one, and how many
+_OWN_GAINS = "the gains of outputs"
 _SAME_RATE = 0.05  # relative difference from which on a rate is another one
 
 
@@ -138,6 +139,9 @@ class Judge:
     told: list[Judged] = field(
         default_factory=list, init=False
     )  # those that were taken, and the next best
+    untested: list[str] = field(
+        default_factory=list, init=False
+    )  # words of hypotheses that the data did not let be tested, and why
     terms: list[Term] = field(
         default_factory=list, init=False
     )  # columns that were taken
@@ -333,7 +337,9 @@ class Judge:
     ) -> list[_Candidate]:
         """Gains and delays that are too far from none for derivatives."""
         values, found = fit.values[: self.base.rank], []
-        gains = own_gains(self.base, model)
+        gains: dict[int, float] = {}
+        if _OWN_GAINS not in self.turned:
+            gains, self.untested = own_gains(self.base, model)
         if gains:  # as of outputs in other units, such as currents
             names = [self.readings.outputs[output] for output in gains]
             knob = gain(
@@ -352,7 +358,7 @@ class Judge:
             )
             term = Term(
                 Kind.GAIN,
-                "the gains of outputs",
+                _OWN_GAINS,
                 ", ".join(names),
                 "",
                 Usual.OFTEN,

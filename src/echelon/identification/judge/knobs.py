@@ -18,6 +18,8 @@ from echelon.shared import Floats
 _SHORT = 0.01
 """Delay up to which none is told here, s: those were looked for on the clock of the log, which knows when friction
 turns while the slower one of the rows does not."""
+_FARTHEST = 14.0
+"""Logarithm of factors that are tried, those of a million: prefixes of units lie no farther apart."""
 _RATIO = "its true size relative to the other outputs (data show ratios only)"
 
 
@@ -116,6 +118,11 @@ def gears(base: BaseModel, place: Place) -> Iterator[tuple[str, Knob]]:
         yield f"a gear of '{place.name}' that has play", _play(place, sliding)
 
 
+def _factors(logarithms: Floats) -> Floats:
+    """Factors by their logarithms: steps may lead anywhere where an output does not follow the model."""
+    return np.asarray(np.exp(np.clip(logarithms, -_FARTHEST, _FARTHEST)))
+
+
 def _tilt(gravity: Floats) -> Knob:
     size = float(np.linalg.norm(gravity))
     across = np.linalg.svd(gravity[None])[2][1:]
@@ -147,11 +154,11 @@ def gain(
 
     def moved(states: States, sizes: Floats, _: Floats) -> States:
         scale = states.scale.copy()
-        scale[list(outputs)] *= sign * np.exp(sizes)
+        scale[list(outputs)] *= sign * _factors(sizes)
         return replace(states, scale=scale)
 
     def says(sizes: Floats, errors: Floats) -> tuple[str, str]:
-        factors = sign * np.exp(sizes)
+        factors = sign * _factors(sizes)
         several = zip(names, factors, np.abs(factors) * errors, strict=True)
         each = [
             f"that of '{name}' is {factor:.3g} ± {error:.1g} times"
@@ -176,7 +183,7 @@ def gain(
 
 def _rate(velocities: bool) -> Knob:
     def moved(states: States, sizes: Floats, _: Floats) -> States:
-        faster = float(np.exp(sizes[0]))
+        faster = float(_factors(sizes)[0])
         first = 1.0 if velocities else faster
         drives = states.drives
         if drives is not None:

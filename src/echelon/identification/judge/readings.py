@@ -16,6 +16,7 @@ from math import degrees, pi, radians
 import numpy as np
 
 from echelon.base import BaseModel
+from echelon.formats import FixedFrame, other_axes
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import OtherReading, Usual
 from echelon.identification.logs.columns.column_map import (
@@ -47,6 +48,9 @@ class Readings:
     delays: Mapping[str, float] = field(
         default_factory=dict
     )  # by output, s: those that were undone
+    frames: Mapping[str, FixedFrame] = field(
+        default_factory=dict
+    )  # that axes of sensors may follow, by name
 
     @property
     def outputs(self) -> list[str]:
@@ -159,13 +163,52 @@ class Readings:
     def _of_outputs(self) -> Iterator[_Change]:
         m = len(self.outputs)
         label = self._named("output", self.outputs, self.columns.outputs)
+        outputs = self.base.mechanism.outputs
+        kinds = [output.unit if output.cuts else "" for output in outputs]
         yield from _flips(
-            "outputs", label, lambda text, matrix: _Change(text, outputs=matrix)
+            "outputs",
+            label,
+            lambda text, matrix: _Change(text, outputs=matrix),
+            kinds,
         )
+        yield from self._of_sensors()
         for i in range(m):
             for factor, prefix in ((1e-3, "m"), (1e3, "k")):
                 text = f"{label[i]} is in {prefix}{self.base.mechanism.outputs[i].unit}"
                 yield _Change(text, outputs=_scaled(m, i, factor))
+
+    def _of_sensors(self) -> Iterator[_Change]:
+        """Force/torque sensors whose axes are those of another frame, read on either side of the sensor."""
+        for sensor, places in self._components().items():
+            forces = [places[k, False] for k in range(3) if (k, False) in places]
+            torques = [places[k, True] for k in range(3) if (k, True) in places]
+            if {len(forces), len(torques)} - {0, 3}:
+                continue
+            cut, _ = self.base.mechanism.outputs[[*forces, *torques][0]].cuts[0]
+            for axes in other_axes(self.base.mechanism, cut, self.frames):
+                turn, shift = axes.pose[:3, :3], axes.pose[:3, 3]
+                matrix = np.eye(len(self.outputs))
+                for some in filter(None, (forces, torques)):
+                    matrix[np.ix_(some, some)] = turn
+                if forces and torques:
+                    matrix[np.ix_(torques, forces)] = np.cross(shift, turn, axisb=0).T
+                text = f"the axes of the sensor '{sensor}' are {axes.words}"
+                yield _Change(text, outputs=matrix)
+                some = [*forces, *torques]
+                matrix = matrix.copy()
+                matrix[some] *= -1
+                yield _Change(
+                    f"{text}, and its signs are wrong (scale: -1)", outputs=matrix
+                )
+
+    def _components(self) -> dict[str, dict[tuple[int, bool], int]]:
+        """Outputs that are one component of a wrench, by sensor, axis and whether they are moments."""
+        found: dict[str, dict[tuple[int, bool], int]] = {}
+        for k, output in enumerate(self.base.mechanism.outputs):
+            if output.sensor != output.name and not output.reads:
+                cut, _ = output.cuts[0]
+                found.setdefault(output.sensor, {})[cut.axis, cut.angular] = k
+        return found
 
     def _of_positions(self) -> Iterator[_Change]:
         label, n = self.position_labels, len(self.position_labels)
@@ -414,9 +457,12 @@ def _with_gravity(gravity: Floats, states: States) -> States:
 
 
 def _flips(
-    kind: str, label: Sequence[str], change: Callable[[str, Floats], _Change]
+    kind: str,
+    label: Sequence[str],
+    change: Callable[[str, Floats], _Change],
+    kinds: Sequence[str] = (),
 ) -> Iterator[_Change]:
-    """Wrong signs and exchanges of columns."""
+    """Wrong signs, and exchanges of columns, those of one kind if kinds are given: forces are no torques."""
     for i, name in enumerate(label):
         yield change(
             f"the sign of {name} is wrong (scale: -1)", _scaled(len(label), i, -1.0)
@@ -426,6 +472,8 @@ def _flips(
             f"the signs of all {kind} are wrong (scale: -1)", -np.eye(len(label))
         )
     for i, j in combinations(range(len(label)), 2):
+        if kinds and kinds[i] != kinds[j]:
+            continue
         yield change(
             f"{label[i]} and {label[j]} are exchanged", _exchanged(len(label), i, j)
         )

@@ -171,6 +171,9 @@ class IdentifiedRecord(Record):
     hypotheses: list[HypothesisRecord] = required(
         "Possible errors of model and logs, best ones first."
     )
+    untested: list[str] = required(
+        "Possible errors that these data do not let be tested, and why."
+    )
     predict_with: Values
     values: dict[str, Value] = required(
         "Base parameters that predictions use, SI units."

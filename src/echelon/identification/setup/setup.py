@@ -46,6 +46,7 @@ from echelon.identification.logs.finding import listed
 from echelon.robot import (
     Experiment,
     Mechanism,
+    Side,
     joined,
     known_values,
     lock_joints,
@@ -358,12 +359,20 @@ def with_usual(setup: Setup) -> Setup:
 def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
     """A note on effects that nobody stated."""
     places: dict[str, list[str]] = {"viscous": [], "rotor_inertia": [], "spring": []}
-    for action in (effect.actions[0] for effect in mechanism.effects):
+    actions = [effect.actions[0] for effect in mechanism.effects]
+    for action in actions:
         if action.kind in places and action.at not in mechanism.springs:
             places[action.kind].append(action.at)
-    if not places.pop("viscous"):
+    got = []
+    if places.pop("viscous"):
+        got.append(
+            "every measured drive got viscous and Coulomb friction and an offset"
+        )
+    if any(action.side is Side.OUTPUT for action in actions):
+        got.append("every component of a force/torque sensor got an unknown zero")
+    if not got:
         return ()
-    text = "no effects are stated, so every measured drive got viscous and Coulomb friction and an offset"
+    text = f"no effects are stated, so {' and '.join(got)}"
     for kind, names in places.items():
         text += (
             f", and {kind.replace('_', ' ')} where the robot file shows one ({in_quotes(names)})"

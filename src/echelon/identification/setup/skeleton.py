@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.formats import RobotFile, open_robot
+from echelon.formats import RobotFile, fixed_frames, named_axes, open_robot
 from echelon.identification.logs.columns.by_values import sample_rate
 from echelon.identification.logs.columns.column_map import Channel, ColumnMap
 from echelon.identification.logs.columns.magnitudes import is_period
@@ -38,7 +38,8 @@ from echelon.shared import EchelonError, Floats, InputError, dump_flow
 
 _EFFECTS = """\
 effects:
-  - usual                               # friction and an offset in every drive; rotors that the robot file states
+  - usual                               # friction and an offset in every drive, zeros of force/torque sensors; rotors
+                                        # that the robot file states
   # - rotor_inertia                     # geared motors, whose rotors weigh more than links
   # - {type: stribeck, at: all, velocity: 0.05}
 """
@@ -110,7 +111,7 @@ def skeleton(
             "no output is measured: name the columns of torques, forces or currents under log",
         )
     body = _body(file, found, log, folder, proposed)
-    questions = (*problems, *_questions(found.columns, setup.mechanism))
+    questions = (*problems, *_questions(found.columns, setup))
     trial, is_read = ((), False) if problems else _trial(body, folder, paths)
     first = "Check it" if is_read else "Answer the open questions"
     head = [
@@ -231,9 +232,9 @@ def _explained_rate(
         return None
 
 
-def _questions(columns: ColumnMap, mechanism: Mechanism) -> list[str]:
+def _questions(columns: ColumnMap, setup: Setup) -> list[str]:
     """Questions that no file answers, where it matters."""
-    asked = []
+    asked, mechanism = [], setup.mechanism
     if columns.rate and columns.time is None:
         asked.append(
             f"check the rate of {columns.rate:g} samples per second, as found above"
@@ -241,6 +242,7 @@ def _questions(columns: ColumnMap, mechanism: Mechanism) -> list[str]:
     unclear = not any(channel.unit for channel in columns.outputs.values())
     if columns.outputs and unclear and _has_wrenches(columns.outputs, mechanism):
         asked.append("check that wrenches are in N and N·m, and act on the body that the sensor carries (else scale: -1)")  # fmt: skip
+    asked += _questions_of_axes(columns, setup)
     if columns.outputs and unclear and _has_drives(columns.outputs, mechanism):
         asked.append("check that outputs are in N·m (N), on the joints' side of the gears; for motors before gears, state actuators: {m1: 100*joint1} and name these under output")  # fmt: skip
     if columns.positions and not any(
@@ -256,6 +258,24 @@ def _questions(columns: ColumnMap, mechanism: Mechanism) -> list[str]:
                 f"sensors: {{tilt: {{body: …}}}}, with a position of its own, position: {{tilt: {channel.column}}}"
             )
     return asked
+
+
+def _questions_of_axes(columns: ColumnMap, setup: Setup) -> list[str]:
+    """Which frame the axes of force/torque sensors follow: files have several on a link."""
+    mechanism, asked = setup.mechanism, {}
+    wrenches = [
+        o for o in mechanism.stated_outputs if o.cuts and o.name in columns.outputs
+    ]
+    frames = fixed_frames(mechanism, setup.robot_file) if wrenches else {}
+    for output in wrenches:
+        others = named_axes(mechanism, output, frames)
+        if output.sensor != output.name:
+            some = f" of {' or '.join(others)}, or" if others else ""
+            asked[output.sensor] = (
+                f"check the axes of the sensor '{output.sensor}', which are read as those under outputs: they may be "
+                f"those{some} of a sensor that is turned, such as frame: {{rpy: [0, 0, pi/2]}}"
+            )
+    return list(asked.values())
 
 
 _INCLINED = re.compile("incl|tilt|pitch|slope", re.IGNORECASE)

@@ -281,7 +281,9 @@ def speed_rows(
 
 def has_dry_friction(mechanism: Mechanism, output: Output) -> bool:
     """Whether an output sees dry friction."""
-    return any(_is_dry_at(mechanism, force) for force, _ in output.forces)
+    own = Force(output.name, Side.OUTPUT)
+    seen = [own, *(force for force, _ in output.forces)]
+    return any(_is_dry_at(mechanism, force) for force in seen)
 
 
 def _is_dry_at(mechanism: Mechanism, force: Force) -> bool:
