@@ -23,7 +23,6 @@ from echelon.excite.problem.shapes import Shape as Shape
 from echelon.excite.problem.shapes import ShapeKind as ShapeKind
 from echelon.excite.problem.state_limits import ORDERS as ORDERS
 from echelon.excite.problem.state_limits import enclosures_of as enclosures_of
-from echelon.excite.problem.task import ResolvedLimits as ResolvedLimits
 from echelon.excite.problem.task import changed as changed
 from echelon.excite.problem.task import resolved_limits as resolved_limits
 from echelon.excite.problem.task import task_of as task_of

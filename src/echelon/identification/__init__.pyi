@@ -34,7 +34,6 @@ from echelon.identification.physics.prior_information import prior_from as prior
 from echelon.identification.predict import Prediction as Prediction
 from echelon.identification.predict import predict_log as predict_log
 from echelon.identification.result import Identification as Identification
-from echelon.identification.rows.plan import LogPlan as LogPlan
 from echelon.identification.rows.rows import ModelRows as ModelRows
 from echelon.identification.saved.identified import (
     identification_to_json as identification_to_json,
@@ -59,5 +58,5 @@ from echelon.identification.setup.setup import with_file_effects as with_file_ef
 from echelon.identification.setup.skeleton import skeleton as skeleton
 from echelon.identification.surveying import FirstLook as FirstLook
 from echelon.identification.surveying import first_look as first_look
-from echelon.identification.surveying import survey as survey
+from echelon.identification.surveying import surveyed_plan as surveyed_plan
 from echelon.identification.verdict import Judgement as Judgement

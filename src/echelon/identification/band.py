@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -44,7 +45,7 @@ from echelon.identification.logs.preparation.choices import (
 from echelon.identification.logs.preparation.prepare import Preparation, prepare
 from echelon.identification.logs.recording import Segment
 from echelon.identification.rows.plan import LOOKED_AT, SAMPLED
-from echelon.identification.rows.rows import ModelRows, rows_taken
+from echelon.identification.rows.rows import ModelRows, rows_filtered
 from echelon.identification.scores import HALF
 from echelon.identification.signals.clock import low_passed
 from echelon.identification.signals.spectrum import PositionSpectrum
@@ -269,13 +270,18 @@ class Trials:
                 left -= len(slow)
         return Trials(log, made, base, bands, tuple(pairs))
 
+    @cached_property
+    def model(self) -> ModelRows:
+        """Rows of the model at no samples, which predict at any."""
+        return ModelRows.of(self.base, ())
+
     def usable(self, band: float) -> bool:
         """Whether some output has rows in a band that are not all zero."""
         return any(y.any() for y, _, _ in self._rows(band))
 
     def name(self, fit: BandFit) -> str:
         """Name of the parameter that a fit has biased most."""
-        return ModelRows.of(self.base, ()).layout.parameters[fit.worst]
+        return self.model.layout.parameters[fit.worst]
 
     def fit(self, band: float) -> BandFit:
         """Reweighted least squares in a band, and what noise of the positions does to it."""
@@ -308,7 +314,7 @@ class Trials:
         for slow, _ in self.pairs:
             with suppress(InputError):
                 samples = prepare(slow, self._in(self.bands[-1]), self.base.mechanism)
-                predicted = ModelRows.of(self.base, ()).predict(samples, values)
+                predicted = self.model.predict(samples, values)
                 assert samples.y is not None
                 measured += _powers(samples.y, samples.rate, self.bands)
                 rest += _powers(
@@ -329,11 +335,8 @@ class Trials:
         with suppress(InputError):  # too short
             samples = prepare(slow, preparation, self.base.mechanism)
             assert samples.y is not None
-            rest = rows_taken(
-                samples,
-                samples.y - ModelRows.of(self.base, ()).predict(samples, values),
-            )[1]
-            return np.asarray(np.sum(rest**2, axis=0))
+            left = samples.y - self.model.predict(samples, values)
+            return np.asarray(np.sum(rows_filtered(samples, left) ** 2, axis=0))
         return np.zeros(len(self.base.mechanism.outputs))
 
     def _in(self, band: float) -> Preparation:
@@ -357,9 +360,7 @@ class Trials:
                 for one, other in zip(
                     *(model.blocks() for model in models), strict=True
                 ):
-                    for output, columns in enumerate(
-                        ModelRows.of(self.base, ()).layout.columns
-                    ):
+                    for output, columns in enumerate(self.model.layout.columns):
                         W, E = np.zeros((2, len(one.y[output]), n))
                         W[:, columns] = one.matrices[output]
                         E[:, columns] = other.matrices[output] - one.matrices[output]

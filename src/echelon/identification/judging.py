@@ -32,7 +32,7 @@ from echelon.identification.scores import (
     grade,
 )
 from echelon.identification.setup.setup import Setup
-from echelon.identification.surveying import survey
+from echelon.identification.surveying import surveyed_plan
 from echelon.identification.verdict import by_role
 from echelon.shared import Floats
 
@@ -208,11 +208,10 @@ def explained_rate(setup: Setup, logs: Sequence[Path]) -> float | None:
     The set-up states another rate.  Gravity has no time in it and inertia its square, so that they tell the rate where
     they share parameters; None if nothing does, or if it is none at which robots are logged.
     """
-    columns, base = setup.columns[0], base_parameters(setup.mechanism, seed=setup.seed)
-    plan = LogPlan(base, setup.columns, survey(setup, base, logs).preparation)
-    found = _judge(plan, plan.samples(logs[0]), np.zeros(base.rank)).other_reading(
-        only_clock=True
-    )
+    plan, _ = surveyed_plan(setup, logs)
+    judge = _judge(plan, plan.samples(logs[0]), np.zeros(plan.base.rank))
+    found = judge.other_reading(only_clock=True)
+    columns = setup.columns[0]
     if found is None or columns.rate is None or found[0].after[0] > 1 - USABLE:
         return None
     rate = columns.rate * found[0].size

@@ -80,6 +80,13 @@ def survey(
     )
 
 
+def surveyed_plan(setup: Setup, paths: Sequence[Path]) -> tuple[LogPlan, Survey]:
+    """How the logs of a set-up become rows of its base parameters, by a first look, and the look."""
+    base = base_parameters(setup.mechanism, seed=setup.seed)
+    found = survey(setup, base, paths)
+    return LogPlan(base, setup.columns, found.preparation), found
+
+
 def _of_all(made: Mapping[str, Preparation]) -> Preparation:
     """The preparation of several experiments, which shows the widest band."""
     widest = max(made.values(), key=lambda some: some.band or 0.0)
@@ -177,9 +184,8 @@ class FirstLook:
 
 def first_look(setup: Setup, paths: Sequence[Path]) -> FirstLook:
     """Look at the beginnings of logs."""
-    base = base_parameters(setup.mechanism, seed=setup.seed)
-    surveyed = survey(setup, base, paths)
-    plan = LogPlan(base, setup.columns, surveyed.preparation)
+    plan, surveyed = surveyed_plan(setup, paths)
+    base = plan.base
     samples = list(_beginnings(plan, paths))
     if not samples:
         raise InputError(

@@ -292,7 +292,20 @@ class Mechanism:
         return tuple(name for motion in self.free_motions for name in motion.velocities)
 
     def refuse_contacts(self, problem: str, source: str | None = None) -> None:
-        """Refuse a robot at whose contacts unmeasured forces act."""
+        """Refuse a robot at whose contacts unmeasured forces act.
+
+        Parameters
+        ----------
+        problem : str
+            Why it is refused, and what would be possible.
+        source : str, optional
+            The file that states the contacts.
+
+        Raises
+        ------
+        InputError
+            If the robot has contacts; names the first one.
+        """
         if self.contacts:
             where = f"contact '{self.contacts[0].name}'"
             raise InputError(problem, source=source, element=where)

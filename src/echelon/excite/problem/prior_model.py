@@ -15,7 +15,6 @@ from echelon.excite.problem.state_limits import EffortLimit, EffortModel, effort
 from echelon.formats import EVERY, ExcitationEntry
 from echelon.identification import (
     Finding,
-    LogPlan,
     ModelRows,
     Setup,
     listed,
@@ -23,7 +22,7 @@ from echelon.identification import (
     note,
     prior_from,
     setup_of,
-    survey,
+    surveyed_plan,
     warning,
     with_file_effects,
     with_logs,
@@ -72,14 +71,12 @@ def information_of_logs(
         )
         problem = f"the logs lack {absent}, so they determine other parameters; lock joints that do not move"
         raise InputError(problem, source=setup.source, element="locked")
-    base = base_parameters(setup.mechanism, seed=setup.seed)
-    found = survey(setup, base, paths)
-    plan = LogPlan(base, setup.columns, found.preparation)
+    plan, _ = surveyed_plan(setup, paths)
     # a row for every sample: the filter averages what decimation leaves out, so that counting rows would count too few
     every = [
         replace(some, reduction=None) for path in paths for some in plan.samples(path)
     ]
-    rows = ModelRows.of(base, every)
+    rows = ModelRows.of(plan.base, every)
     return information_of(rows.observation(), entry.noise)
 
 

@@ -102,7 +102,7 @@ class Samples:
 
     @property
     def left_out(self) -> Flags | None:
-        """What no row is made of, shape (N, outputs): near standstill, or at a limit of a sensor; nothing if None."""
+        """Samples near standstill, or at a limit of a sensor, that make no row, shape (N, outputs); none if None."""
         if self.moving is None:
             return self.pinned
         return ~self.moving if self.pinned is None else ~self.moving | self.pinned

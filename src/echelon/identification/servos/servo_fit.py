@@ -471,13 +471,8 @@ def _windows(
     for k, segment in enumerate(segments):
         cut = round((1 - holdout) * len(segment))
         first += [(k, b) for b in range(0, cut - run_in - length, length)]
-        if holdout:
-            last += [
-                (k, b)
-                for b in range(
-                    max(cut - run_in, 0), len(segment) - run_in - length, length
-                )
-            ]
+        end = len(segment) - run_in - length
+        last += [(k, b) for b in range(max(cut - run_in, 0), end, length)]
     if any(abs(s.rate / rate - 1) > 1e-3 for s in segments):
         raise InputError(
             "the logs have different rates: give one under preparation: rate"
@@ -590,14 +585,8 @@ def _more_limits(
         step = resolution(windows.measured[..., joint].ravel()) or 0.0
         if is_unexplained(float(noise), step):
             low, high = np.quantile(error[..., joint], (0.1, 0.98))
-            limits = (
-                limits
-                if limits.dead[joint] > 0
-                else limits.having("dead", joint, float(max(low, 1e-6)))
-            )
-            limits = (
-                limits
-                if np.isfinite(limits.torque[joint])
-                else limits.having("torque", joint, float(high))
-            )
+            if not limits.dead[joint] > 0:
+                limits = limits.having("dead", joint, float(max(low, 1e-6)))
+            if not np.isfinite(limits.torque[joint]):
+                limits = limits.having("torque", joint, float(high))
     return limits
