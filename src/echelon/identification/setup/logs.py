@@ -481,12 +481,13 @@ def _without(
             for output in mechanism.outputs
             if (output.reads or output.name) not in silent
         )
+        mechanism = mechanism.measuring(measured)
         effects = tuple(
             e
             for e in mechanism.effects
             if any(action.at not in silent for action in e.actions)
         )
-        mechanism = replace(mechanism, measured=measured, effects=effects)
+        mechanism = replace(mechanism, effects=effects)
     elif locked and reading is not None:
         options = replace(reading.options, locked={**reading.options.locked, **locked})
         mechanism = mechanism.as_read(replace(reading, options=options))
