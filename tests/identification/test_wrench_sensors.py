@@ -167,6 +167,16 @@ def test_set_ups_ask_which_frame_the_axes_follow(tmp_path: Path) -> None:
     assert "those of 'wrist_3_link' or 'ee_link', or of a sensor that is turned" in axes
 
 
+def test_motions_are_planned_for_loads_and_zeros(tmp_path: Path) -> None:
+    """Torques of drives have limits although the wrench alone is measured."""
+    setup = tmp_path / "wrist.yaml"
+    robot = {"file": str(robot_file("ur5_robot"))}
+    outputs = [{"wrench": "tool0"}]
+    setup.write_text(json.dumps({"echelon": 1, "robot": robot, "outputs": outputs}))
+    motion = ec.exciting_trajectory(setup, starts=1, iterations=3)
+    assert "Fo_tool0_fz" in motion.base.pivots
+
+
 def test_a_drift_with_temperature_is_an_effect_of_the_output(tmp_path: Path) -> None:
     log = run(2)
     warmth = 5 * np.sin(0.7 * log["t"]) + log["t"] / 4

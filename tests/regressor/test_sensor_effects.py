@@ -158,6 +158,22 @@ def test_zeros_go_with_the_outputs_of_held_joints() -> None:
     assert ec.base_parameters(held).rank > 0
 
 
+def test_effects_of_sensors_that_an_experiment_leaves_out_act_nowhere() -> None:
+    text = ARM + "outputs: [{joint: all}, {wrench: j3, name: ft}]\n"
+    mechanism = robot(
+        text + "effects: [{type: offset, at: ft}, {type: viscous, at: j1}]"
+    )
+    experiment = ec.Experiment(mechanism, name="torques", sensors=["j1", "j2", "j3"])
+    acting = {e.parameter: e.actions for e in experiment.mechanism.effects}
+    assert all(acting[name] == () for name in ZEROS)
+    assert acting["Fv1"]
+    both = ec.Experiment(mechanism, name="both")
+    assert (
+        ec.base_parameters([experiment, both]).rank
+        == ec.base_parameters(mechanism).rank
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

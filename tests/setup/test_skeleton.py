@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,7 +14,6 @@ import pytest
 import echelon as ec
 from echelon.identification.logs.read_log import opened
 from echelon.identification.setup.skeleton import skeleton
-from echelon.identification.verdict import verdict_parts
 from support.command_line import run
 from support.selection import one_in
 from support.swinging_arm import ARM, Motion, swinging
@@ -355,9 +355,39 @@ def test_currents_are_taken_for_torques_and_said_to_be(
         )
     text = written(tmp_path, log)
     assert "  output: 'actual_current_{i}'" in text
-    assert "give the torque per ampere at the joint" in " ".join(
-        text.replace("#", "").split()
+    said = " ".join(text.replace("#", "").split())
+    assert "give the torque per ampere at the joint" in said
+    assert "name the currents under input" in said
+    assert "{type: drive_gain, at: all}" in said
+    assert "ec.gains_from_logs in Python" in said
+
+
+def test_identify_points_from_unknown_gains_to_what_finds_them(
+    motion: Motion, tmp_path: Path
+) -> None:
+    """Currents with nothing known have no scale; the example of the message runs."""
+    log = pd.DataFrame({"t": motion["t"]})
+    for k in (0, 1):
+        log[f"q{k + 1}"] = motion["q"][:, k]
+        log[f"i{k + 1}"] = motion["tau"][:, k] / (2.0, 0.5)[k]
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "arm.urdf").write_text(ARM)
+    setup = tmp_path / "gains.yaml"
+    setup.write_text(
+        "echelon: 1\nrobot: arm.urdf\neffects: [usual, {type: drive_gain, at: all}]\n"
+        "log: {time: t, position: 'q{n}', input: 'i{n}'}\n"
     )
+    with pytest.raises(ec.InputError, match="known=") as error:
+        ec.identify(setup, tmp_path / "log.csv")
+    found = re.search(
+        r"ec\.gains_from_logs\((.*), \[(.*)\], known=\{'(Kt\d)'", str(error.value)
+    )
+    assert found is not None
+    assert found[1].strip("'").endswith("gains.yaml")
+    gains = ec.gains_from_logs(
+        setup, [tmp_path / found[2].strip("'")], known={found[3]: 2.0}
+    )
+    assert gains.gains == pytest.approx([2.0, 0.5], rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -385,9 +415,12 @@ def test_currents_without_a_scale_are_a_doubt_of_a_fit(
     assert [f.severity for f in doubts] == ["warning"] * doubted
     reasons = [reason for reason in result.reasons if "units of currents" in reason]
     assert len(reasons) == doubted
-    parts = verdict_parts(result.verdict, result.reasons)
-    assert (parts.badge == "do not use") == doubted
-    assert doubted or parts.badge == "good"
+    assert (result.judgement.badge == "do not use") == doubted
+    assert doubted or result.judgement.badge == "good"
+    files = "setup.yaml", "log.csv", "-o", "result"
+    run("identify", *files, cwd=tmp_path)
+    robot = (tmp_path / "result" / "identified.urdf").read_text()
+    assert ("names of currents" in robot) == doubted
 
 
 def test_commands_without_torques_make_a_fit_of_servos(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 from math import comb
@@ -235,7 +235,7 @@ def _candidates(mechanism: Mechanism) -> dict[str, LinearForms]:
     for output in outputs:
         groups.setdefault(output.sensor, []).append(output)
     return {
-        name: virtual_power_form(replace(mechanism, measured=tuple(group)))
+        name: virtual_power_form(mechanism.measuring(group))
         for name, group in groups.items()
     }
 

@@ -112,7 +112,7 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
         remarks = [
             finding.text
             for finding in result.findings
-            if finding.kind == FAR_FROM_PRIOR
+            if finding.kind in (FAR_FROM_PRIOR, "currents")
         ]
         fit, mechanism = result.physical, result.robot
         known = dict(zip(fit.parameters, fit.standard, strict=True))

@@ -23,18 +23,23 @@ from echelon.identification.estimators.estimate import (
     solved,
 )
 from echelon.identification.estimators.least_squares import fixed_noise
+from echelon.robot import Mechanism
 from echelon.shared import Floats, InputError, extra
 
 
 def gain_names(base: BaseModel) -> tuple[str, ...]:
-    """Base parameters that are drive gains: effects that multiply a measured current."""
-    effects = base.mechanism.effects
-    gains = {
-        e.parameter
-        for e in effects
-        if e.actions and all(a.kind == "drive_gain" for a in e.actions)
-    }
+    """Base parameters that are drive gains."""
+    gains = drive_gain_effects(base.mechanism)
     return tuple(name for name in base.pivots if name in gains)
+
+
+def drive_gain_effects(mechanism: Mechanism) -> tuple[str, ...]:
+    """Parameters that are drive gains: effects that multiply a measured current."""
+    return tuple(
+        e.parameter
+        for e in mechanism.effects
+        if e.actions and all(a.kind == "drive_gain" for a in e.actions)
+    )
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from echelon.base import Identifiability, base_parameters
 from echelon.formats import fixed_frames, slides, with_rotors
 from echelon.identification.chosen_values import chosen_values
 from echelon.identification.constants import Constant, Profile, started
-from echelon.identification.current_fit import gain_names
+from echelon.identification.current_fit import drive_gain_effects, gain_names
 from echelon.identification.estimators.estimate import CLEAR
 from echelon.identification.fit_findings import (
     contradictions,
@@ -116,6 +116,7 @@ def identify(
     >>> result = ec.identify("arm.urdf", "log.csv")                                         # doctest: +SKIP
     """
     setup, given, others = with_logs(setup, logs, validate_on)
+    _check_gains(setup, given)
     step = on_step or (lambda _: None)
     lists = setup.states_effects
     mounted = not is_unknown(setup.mechanism)
@@ -153,6 +154,20 @@ def identify(
         )
     remarks += [finding(some, lists_effects=lists) for some in judged]
     return replace(result, findings=limited([*remarks, *result.findings]))
+
+
+def _check_gains(setup: Setup, logs: Logs) -> None:
+    """Refuse currents with unknown gains and nothing that is measured beside them: their equation has no scale."""
+    gains = drive_gain_effects(setup.mechanism)
+    if not gains or any(columns.outputs for columns in setup.columns):
+        return
+    log = logs[0].name if logs else "run.csv"
+    problem = (
+        "drive gains need something that is known, which identify does not take: in Python,  "
+        f"ec.gains_from_logs({setup.source!r}, [{log!r}], known={{{gains[0]!r}: 0.12}})  takes a gain, N·m/A, or another "
+        "parameter, and runs with a payload; to identify with known gains, name the currents under  output  with  scale"
+    )
+    raise InputError(problem, source=setup.source)
 
 
 def _completed(

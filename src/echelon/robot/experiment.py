@@ -113,7 +113,7 @@ class Experiment:
                 robot, contacts=_touching(robot, self.contacts, self._where)
             )
         if self.sensors is not None:
-            robot = replace(robot, measured=_chosen(robot, self.sensors, self._where))
+            robot = robot.measuring(_chosen(robot, self.sensors, self._where))
         for load, body in self.payloads.items():
             robot = _loaded(robot, load, body, self._where)
         held = lock_joints(robot, self.locked)

@@ -8,7 +8,7 @@ that of a turn or a shift of one against the other.  The columns of X are the st
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -257,6 +257,20 @@ class Mechanism:
         _check_experiments(self)
         _check_names(self)
         _check_fitted(self)
+
+    def measuring(self, outputs: Iterable[Output]) -> Mechanism:
+        """The mechanism with other outputs and all its parameters; effects in sensors that are gone act nowhere."""
+        measured = tuple(outputs)
+        left = {output.name for output in measured}
+        effects = []
+        for effect in self.effects:
+            actions = [
+                action
+                for action in effect.actions
+                if action.side is not Side.OUTPUT or action.at in left
+            ]
+            effects.append(replace(effect, actions=tuple(actions)))
+        return replace(self, measured=measured, effects=tuple(effects))
 
     def as_read(self, reading: Reading) -> Mechanism:
         """A copy that remembers its reading; copies by :func:`dataclasses.replace` do not."""

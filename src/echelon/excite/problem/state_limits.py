@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
@@ -392,9 +392,7 @@ def effort_limits(
 ) -> StateLimits | UncertainEfforts:
     """Limits of efforts as constraints of the state, of which a share, the margin, is kept free as well."""
     check_model(mechanism, model)
-    measured = replace(
-        mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits)
-    )
+    measured = mechanism.measuring(effort_output(mechanism, limit) for limit in limits)
     labels = tuple(
         f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}"
         for limit in limits

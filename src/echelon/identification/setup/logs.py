@@ -474,22 +474,21 @@ def _columns_without(columns: ColumnMap, silent: Collection[str]) -> ColumnMap:
 
 def _without(setup: Setup, silent: Collection[str]) -> Setup:
     """The set-up without outputs that are not measured, and effects in their drives."""
-    mechanism = setup.mechanism
     if not silent:
         return setup
+    mechanism = setup.mechanism
     measured = tuple(
         output
         for output in mechanism.outputs
         if (output.reads or output.name) not in silent
     )
+    mechanism = mechanism.measuring(measured)
     effects = tuple(
         e
         for e in mechanism.effects
         if any(action.at not in silent for action in e.actions)
     )
-    return replace(
-        setup, mechanism=replace(mechanism, measured=measured, effects=effects)
-    )
+    return replace(setup, mechanism=replace(mechanism, effects=effects))
 
 
 def joined(

@@ -90,6 +90,13 @@ CURRENTS = (
 )
 """Doubt about outputs whose columns say current."""
 
+UNKNOWN_GAINS = (
+    "if nobody knows the torque per ampere, name the currents under  input  instead of  output,  add the effect  "
+    "{type: drive_gain, at: all},  and give  ec.gains_from_logs  in Python what is known: one gain, a mass, or runs with a "
+    "weighed payload"
+)
+"""What to do with such columns where their scale is unknown."""
+
 
 def are_currents(columns: Iterable[ColumnMap]) -> bool:
     """Whether an output has the name of a current, and neither its unit nor its scale makes it a torque."""
@@ -324,6 +331,7 @@ class _Columns:
         said = [said for column, said in self.meanings.items() if column in outputs]
         if any(one.kind == "current" for one in said):
             yield CURRENTS
+            yield UNKNOWN_GAINS
         for sign, share in zip(SHARES, ("hundredth", "thousandth"), strict=True):
             if any(one.unit == sign for one in said):
                 yield f"the outputs are in {sign} and are read as torques: give a {share} of the rated torque as scale"
