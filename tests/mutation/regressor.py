@@ -107,11 +107,18 @@ FAULTS = (
         "mechanism/test_effects.py::test_effects_in_the_drive_act_through_the_transmission",
     ),
     Fault(
-        POWER,
-        "motion.freedoms if side is Side.JOINT else motion.drives",
-        "motion.drives if side is Side.JOINT else motion.freedoms",
+        SPATIAL,
+        "return self.drives",
+        "return self.freedoms",
         "which sensors see friction",
         "mechanism/test_effects.py::test_effects_in_the_drive_act_through_the_transmission",
+    ),
+    Fault(
+        SPATIAL,
+        "increase(measured, output.reads or output.name,",
+        "increase(measured, output.name,",
+        "the zero of a sensor in the row of a spring",
+        "regressor/test_sensor_effects.py::test_the_row_of_an_elastic_drive_has_the_zero_of_the_sensor_that_it_reads",
     ),
     Fault(
         POWER,
