@@ -139,7 +139,7 @@ def test_ratios_of_readme_come_from_the_benchmark() -> None:
     assert versions[1] in counts
 
 
-@pytest.mark.parametrize("page", ["docs/identification.md"])
+@pytest.mark.parametrize("page", ["docs/measured-robots.md"])
 def test_numbers_come_from_the_real_logs(page: str) -> None:
     results = (ROOT / "benchmarks/results/real_logs.md").read_text().splitlines()
     quoted = re.search(
