@@ -200,7 +200,7 @@ def test_one_parameter_of_an_effect_at_several_places() -> None:
     mixed = "bodies: [{name: a, joint: {type: revolute, axis: z}}, {name: b, joint: {type: prismatic, axis: z}}]\n"
     with pytest.raises(
         ec.InputError,
-        match=r"effects\[0\]\.label: places that share a label must all rotate or",
+        match=r"effects\[0\]\.label: places that share a label must have the same unit",
     ):
         read(mixed + "effects: [{type: viscous, at: [a, b], label: x}]\n")
 

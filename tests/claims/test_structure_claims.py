@@ -224,7 +224,7 @@ def affected(draw: st.DrawFn) -> Mechanism:
     ]
     effects = []
     for k in range(draw(st.integers(1, 4))):
-        side = draw(st.sampled_from(Side))
+        side = draw(st.sampled_from([Side.JOINT, Side.ACTUATOR]))
         at = (
             draw(st.sampled_from(drives if side is Side.ACTUATOR else free))
             if free

@@ -83,6 +83,12 @@ name: bristles
 modified_dh: [{joint: revolute}]
 effects: [{type: lugre, at: j1, stiffness: 1000, velocity: 0.1, ratio: 1.5}]
 """,
+    "held.yaml": """echelon: 1
+name: held
+modified_dh: [{joint: revolute}, {joint: revolute, a: 0.3}]
+locked: {j2: 0.5}
+log: {position: {j1: q1, j2: q2}}
+""",
     "tilted.yaml": """echelon: 1
 name: tilted
 modified_dh: [{joint: revolute}, {joint: revolute, a: 0.3}]
@@ -402,6 +408,7 @@ OBJECTS: Mapping[str, Example] = {
     "contacts": Example(load("touching.yaml"), read_literally),
     "bristles": Example(load("bristles.yaml"), read_literally),
     "a law of friction": Example(lambda: KINDS["viscous"]),
+    "locked joints": Example(lambda: ec.load_setup(file("held.yaml"))),
     "sensors of the motion": Example(lambda: ec.load_setup(file("tilted.yaml"))),
     "equality": Example(lambda: ec.Equality.EQUAL),
     "sensors": Example(lambda: ec.sensor_report(base().mechanism)),

@@ -21,6 +21,7 @@ _CLOSER = 0.3
 def check_not_mixed(recording: Recording) -> None:
     """Refuse a recording in which all positions that change jump to and fro from row to row."""
     q = recording.signals["q"]
+    q = q[np.isfinite(q).all(axis=1)]
     if len(q) < FEWEST * _MOST:
         return
     step = _usual_step(q, 1)
@@ -36,5 +37,4 @@ def check_not_mixed(recording: Recording) -> None:
 
 def _usual_step(q: Floats, rows: int) -> Floats:
     """Usual difference of positions (N, n) that are some rows apart, shape (n,)."""
-    steps = np.abs(q[rows:] - q[:-rows])
-    return np.asarray(np.median(steps[np.isfinite(steps).all(axis=1)], axis=0))
+    return np.asarray(np.median(np.abs(q[rows:] - q[:-rows]), axis=0))
