@@ -494,6 +494,33 @@ def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
         skeleton(tmp_path / "setup.yaml", [tmp_path / "log.csv"], tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("stated", "moved"),
+    [
+        ("robot: arm.urdf  # ours", "robot: ../arm.urdf  # ours"),
+        ("robot: {file: 'arm.urdf'}", "robot: {file: '../arm.urdf'}"),
+        ("robot:\n  file: arm.urdf", "robot:\n  file: ../arm.urdf"),
+    ],
+)
+def test_a_section_in_another_folder_names_the_robot_from_there(
+    stated: str, moved: str, motion: Motion, tmp_path: Path
+) -> None:
+    log = pd.DataFrame(
+        {"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]}
+    )
+    log["tau1"], log["tau2"] = motion["tau"].T
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "arm.urdf").write_text(ARM)
+    description = tmp_path / "own.yaml"
+    description.write_text(f"echelon: 1\nname: arm\n{stated}\n")
+    folder = tmp_path / "setups"
+    folder.mkdir()
+    made = skeleton(description, [tmp_path / "log.csv"], folder)
+    assert moved in made.text
+    (folder / "setup.yaml").write_text(made.text)
+    assert ec.load_setup(folder / "setup.yaml").columns is not None
+
+
 def test_rates_come_from_velocities_or_coarse_stamps(
     motion: Motion, tmp_path: Path
 ) -> None:

@@ -105,7 +105,7 @@ def beginning(task: Task, trajectory: Trajectory) -> str:
 
 
 def room_needed(task: Task, trajectory: Trajectory) -> str:
-    """How far a robot comes down below its base, in a sentence; nothing of robots that float or that gravity spares."""
+    """A sentence about the depth that a robot reaches below its base; empty if it floats or has no gravity."""
     mechanism = task.base.mechanism
     if not mechanism.gravity or mechanism.bodies[0].joint.is_floating:
         return ""
@@ -134,7 +134,7 @@ def positions_along(
 
 
 def _of_the_way(task: Task, way: Floats) -> str:
-    """What distances say about a way from zero, of shape (N, n)."""
+    """Distances on a way from zero of shape (N, n), in words."""
     found = [(part, motion) for part, motion in clearances(task) if part.labels]
     if not found or found[0][1] is not None:
         return ""

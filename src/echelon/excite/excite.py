@@ -384,7 +384,7 @@ def _warnings(
 def _notes(
     task: Task, trajectory: Trajectory, margins: Sequence[Margin]
 ) -> list[Finding]:
-    """What to know before the motion is run."""
+    """Notes for whoever runs the motion."""
     found = []
     if begins := beginning(task, trajectory):
         found.append(note("beginning", task.setup.source, begins))

@@ -347,8 +347,9 @@ def _fitted(
     gaps = [] if conditions.is_complete else [conditions.verdict]
     judgement = overall_verdict(by_role(validations)[-1], facts, gaps)
     ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
-    speeds = enumerated([found.speeds for found in ranges], "; ")
-    fitted = f"It was fitted up to {ranges[0].band:.3g} Hz: {speeds}."
+    speeds = [found.speeds for found in ranges if found.speeds != found.output]
+    told = f": {enumerated(speeds, '; ')}" if speeds else ""
+    fitted = f"It was fitted up to {ranges[0].band:.3g} Hz{told}."
     result = Identification(
         base=base,
         logs=tuple(map(str, fitted_logs)),

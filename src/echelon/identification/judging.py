@@ -66,7 +66,7 @@ def _judge(
 
 @dataclass(frozen=True)
 class Judgements:
-    """What a judge says of a fit."""
+    """Hypotheses that a judge tested on a fit, and those that it could not test."""
 
     taken: list[Judged] = field(default_factory=list)  # what explains residuals
     told: list[Judged] = field(default_factory=list)  # those, and the next best

@@ -170,7 +170,7 @@ def _without_shapes(
 
 
 def _notes(replaced: Sequence[str], around: Sequence[Shape]) -> list[str]:
-    """What else a user should know of the shapes."""
+    """Notes about boxes that replace meshes, and about shapes of obstacles."""
     found = []
     if replaced:
         found.append(

@@ -303,13 +303,9 @@ def _body(
         )
     section = _log_section(found, log, proposed, stated=not file.is_description)
     if file.is_description:
-        return "\n".join([file.data.decode().rstrip(), *parts, section])
+        return "\n".join([_moved(file, folder).rstrip(), *parts, section])
     source = Path(file.source)
-    path = (
-        os.path.relpath(source.absolute(), folder.absolute())
-        if source.is_file()
-        else str(source)
-    )
+    path = _seen_from(folder, source) if source.is_file() else str(source)
     head = [
         dump_flow({key: value})
         for key, value in (("echelon", 1), ("name", mechanism.name), ("robot", path))
@@ -325,6 +321,27 @@ def _body(
         )
         + section
     )
+
+
+def _seen_from(folder: Path, file: Path) -> str:
+    """The path of a file for whoever stands in a folder."""
+    return os.path.relpath(file.absolute(), folder.absolute())
+
+
+def _moved(file: RobotFile, folder: Path) -> str:
+    """The text of a description, whose robot file is named as from another folder."""
+    text, stated = file.data.decode(), file.document.data.get("robot")
+    path = stated.get("file") if isinstance(stated, dict) else stated
+    if not isinstance(path, str) or os.path.isabs(path):
+        return text
+    robot = Path(file.source).parent / path
+    there = _seen_from(folder, robot)
+    if not robot.is_file() or there == os.path.normpath(path):
+        return text
+    name = re.compile(
+        rf"""^((?:robot| +file):.*?["']?){re.escape(path)}\b""", re.MULTILINE
+    )
+    return name.sub(lambda found: found[1] + there, text, count=1)
 
 
 def _locked_lines(found: Understood) -> list[str]:

@@ -39,7 +39,7 @@ def check_locked(table: Table, every: Mapping[str, Locked]) -> None:
 
 
 def _advice(name: str, locked: Locked, q: Floats, allowed: float) -> str:
-    """What the log says of a joint, and what to write."""
+    """The refusal of a joint that moves or stands elsewhere, with the line to write."""
     low, high = np.quantile(q, [_FAULTS, 1 - _FAULTS]).tolist()
     stated = f"the robot has '{name}' locked at {locked.at:.6g}, but in the log it"
     other = "if the column is not its position, name those of the joints that move one by one, under  position"
