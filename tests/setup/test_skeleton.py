@@ -13,7 +13,6 @@ import pytest
 import echelon as ec
 from echelon.identification.logs.read_log import opened
 from echelon.identification.setup.skeleton import skeleton
-from echelon.identification.verdict import verdict_parts
 from support.command_line import run
 from support.selection import one_in
 from support.swinging_arm import ARM, Motion, swinging
@@ -385,9 +384,9 @@ def test_currents_without_a_scale_are_a_doubt_of_a_fit(
     assert [f.severity for f in doubts] == ["warning"] * doubted
     reasons = [reason for reason in result.reasons if "units of currents" in reason]
     assert len(reasons) == doubted
-    parts = verdict_parts(result.verdict, result.reasons)
-    assert (parts.badge == "do not use") == doubted
-    assert doubted or parts.badge == "good"
+    badge = result.judgement.badge
+    assert (badge == "do not use") == doubted
+    assert doubted or badge == "good"
 
 
 def test_commands_without_torques_make_a_fit_of_servos(
