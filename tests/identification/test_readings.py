@@ -397,6 +397,20 @@ def test_the_output_that_the_prior_names_is_the_only_cause(
     assert f"the output of '{name}' is in {unit} (unit: {unit})" in causes[0]
 
 
+@pytest.mark.parametrize("factor", [1 / 50, 1 / 10, 10.0, 1.0, 2.0])
+def test_a_common_factor_of_no_unit_is_doubted_by_the_prior(factor: float) -> None:
+    """Predictions are as good with it, and the robot may be lighter than its file."""
+    log = swinging()
+    log["tau"] *= factor
+    result = ec.identify(ec.load_setup(ARM).with_settings(physical=False), log)
+    told = [some.text for some in result.findings if some.kind == "scale"]
+    assert len(told) == (factor not in (1.0, 2.0))
+    assert result.judgement.badge == "good"
+    for text in told:
+        assert text.startswith("all outputs are about ")
+        assert 0.7 < float(text.split()[4]) / factor < 1.4
+
+
 def test_an_output_in_a_far_larger_unit_is_named_not_refused() -> None:
     """Weights of outputs differ by 1e12 then, which a covariance in double precision does not hold."""
     setup = ec.load_setup(EXAMPLES / "scara.yaml")

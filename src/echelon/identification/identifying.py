@@ -30,6 +30,7 @@ from echelon.identification.judge.findings import contradiction, finding
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judged
 from echelon.identification.judge.mounting import is_unknown, standing, with_gravity
+from echelon.identification.judge.units import common_scale
 from echelon.identification.judging import judged_fit, misread_elsewhere
 from echelon.identification.logs.columns.column_guess import CURRENTS, are_currents
 from echelon.identification.logs.finding import (
@@ -321,6 +322,10 @@ def _fitted(
         findings += departures(
             base.mechanism, physical.standard, prior.values, physical.prior_weight
         )
+    if prior_base is not None and not any(
+        some.kind is Kind.UNIT for some in judgements.taken
+    ):
+        findings += common_scale(data.observation, prior_base)
     if conditions.is_complete and not gain_names(base):
         findings += mass_findings(base, estimate.values)
     findings += disagreements(
