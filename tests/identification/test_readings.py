@@ -23,10 +23,12 @@ from echelon.identification.judge.units import common_unit
 from echelon.identification.logs.columns.column_map import Channel, ColumnMap
 from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.rows import ModelRows
+from support.paths import EXAMPLES
 from support.selection import slow_unless
 from support.simulated_models import Floats
 from support.simulated_motions import RATE, fourier
 from support.simulated_systems import SYSTEMS
+from support.swinging_arm import ARM, swinging
 
 Plant = Callable[[Samples], Samples]
 EVERY = 4
@@ -367,6 +369,70 @@ def test_a_unit_that_all_outputs_share_is_told_by_the_prior() -> None:
     assert found is not None
     assert "all outputs are in kN·m" in found.words
     assert found.gain.mean > 1
+
+
+def test_one_of_two_outputs_does_not_tell_the_unit_of_both() -> None:
+    """The other one has little to do with what the prior predicts."""
+    base, samples, prior = simple(ARM)
+    y = samples.y
+    assert y is not None
+    noise = np.random.default_rng(5).normal(size=len(y)) * y[:, 1].std()
+    wrong = replace(samples, y=np.column_stack([1e-3 * y[:, 0], noise]))
+    assert common_unit(base, ModelRows.of(base, [wrong]).observation(), prior) is None
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+@pytest.mark.parametrize("place", [0, 1])
+def test_the_output_that_the_prior_names_is_the_only_cause(
+    place: int, factor: float
+) -> None:
+    """Data show ratios only, so that without the prior either torque may be in another unit."""
+    log = swinging()
+    log["tau"][:, place] *= factor
+    result = ec.identify(ec.load_setup(ARM).with_settings(physical=False), log)
+    causes = [text for text in result.reasons if "cause" in text]
+    name = ("shoulder_joint", "elbow_joint")[place]
+    unit = "kN·m" if factor < 1 else "mN·m"
+    assert len(causes) == 1
+    assert f"the output of '{name}' is in {unit} (unit: {unit})" in causes[0]
+
+
+@pytest.mark.parametrize("factor", [1 / 50, 1 / 10, 10.0, 1.0, 2.0])
+def test_a_common_factor_of_no_unit_is_doubted_by_the_prior(factor: float) -> None:
+    """Predictions are as good with it, and the robot may be lighter than its file."""
+    log = swinging()
+    log["tau"] *= factor
+    result = ec.identify(ec.load_setup(ARM).with_settings(physical=False), log)
+    told = [some.text for some in result.findings if some.kind == "scale"]
+    assert len(told) == (factor not in (1.0, 2.0))
+    assert result.judgement.badge == "good"
+    for text in told:
+        assert text.startswith("all outputs are about ")
+        assert 0.7 < float(text.split()[4]) / factor < 1.4
+
+
+def test_an_output_in_a_far_larger_unit_is_named_not_refused() -> None:
+    """Weights of outputs differ by 1e12 then, which a covariance in double precision does not hold."""
+    setup = ec.load_setup(EXAMPLES / "scara.yaml")
+    robot = setup.mechanism
+    base = ec.base_parameters(robot)
+    t = np.arange(3000)[:, None] / 200
+    rates, sizes = np.array([1.7, 2.9, 2.3]), np.array([0.8, 0.7, 0.1])
+    q, qd, qdd = np.zeros((3, len(t), 3))
+    for k, phase in enumerate((0.0, 1.0, 2.0), start=1):
+        turn = k * rates * t + phase
+        q += sizes / k * np.sin(turn)
+        qd += sizes * rates * np.cos(turn)
+        qdd -= sizes * rates**2 * k * np.sin(turn)
+    rng = np.random.default_rng(2)
+    standard = [
+        rng.uniform(0.1, 0.5) if v is None else v for v in robot.standard_values()
+    ]
+    tau = base.predict(q, qd, qdd, base.values(standard))
+    tau += 0.01 * tau.std(axis=0) * rng.normal(size=tau.shape)
+    tau[:, 0] *= 1e-3
+    result = ec.identify(setup, {"t": t[:, 0], "q": q, "tau": tau})
+    assert any("output of 'upper_arm' is 0.00" in text for text in result.reasons)
 
 
 def test_drives_couple_joints_that_are_near() -> None:

@@ -93,6 +93,68 @@ def test_positions_agree_to_what_the_log_resolves(folder: Path) -> None:
     assert look(folder / "degrees.yaml", folder / "degrees.csv") == ("q_1", "q_3")
 
 
+PARTLY = (
+    "log: {time: t, position: {j1: q_1, j3: q_3}, output: {j1: tau_1, j3: tau_3}}\n"
+)
+LEFT_OUT = {
+    "stated": HEAD + LOCKED + PARTLY,
+    "experiment": HEAD
+    + "experiments: [{name: held, locked: {j2: 0.7}}, {name: other}]\n"
+    + PARTLY.replace("log: {", "log: {experiment: held, "),
+}
+
+
+def without_position(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The log with the velocity of the second joint in the place of its position."""
+    rate = np.gradient(columns["q_2"], columns["t"])
+    return {n: v for n, v in columns.items() if n != "q_2"} | {"dq_2": rate}
+
+
+@pytest.mark.parametrize("name", LEFT_OUT)
+def test_columns_that_nobody_stated_are_told_by_their_names(
+    folder: Path, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf())
+    (tmp_path / "x.yaml").write_text(LEFT_OUT[name])
+    write(without_position(log(GRAVITY, 4)), tmp_path / "held_moves.csv")
+    write(without_position(log(GRAVITY, 3, held={1: 0.7})), tmp_path / "held_rests.csv")
+
+    def told(path: Path) -> list[str]:
+        setup, paths, _ = with_logs(ec.load_setup(tmp_path / "x.yaml"), [path], ())
+        findings = first_look(setup, paths).survey.findings
+        return [str(some) for some in findings if some.kind == "locked"]
+
+    assert not told(folder / "held.csv")
+    assert not told(tmp_path / "held_rests.csv")
+    (found,) = told(folder / "held_elsewhere.csv")
+    assert "column 'q_2' (position of 'j2' by its name, which is not under" in found
+    assert "locked at 0.7, but in the log it stands at 0.9" in found
+    (found,) = told(folder / "held_free.csv")
+    assert "in the log it moves from -" in found
+    (found,) = told(tmp_path / "held_moves.csv")
+    assert "column 'dq_2' (velocity of 'j2' by its name" in found
+    assert "in the log it moves at up to" in found
+
+
+def test_a_stated_velocity_tells_that_a_locked_joint_moves(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf())
+    text = PARTLY.replace("time: t", "time: t, velocity: {j1: v1, j2: dq_2, j3: v3}")
+    (tmp_path / "x.yaml").write_text(HEAD + LOCKED + text)
+    rng = np.random.default_rng(1)
+    for name, held in (("moves", {}), ("rests", {1: 0.7})):
+        columns = log(GRAVITY, 3, held=held)
+        rates = {f"v{k}": np.gradient(columns[f"q_{k}"], columns["t"]) for k in (1, 3)}
+        found = without_position(columns) | rates
+        # a sensor of velocity whose noise is a few per cent of a usual speed
+        found["dq_2"] += 0.05 * rng.normal(size=len(found["t"]))
+        write(found, tmp_path / f"{name}.csv")
+    assert look(tmp_path / "x.yaml", tmp_path / "rests.csv") == ("q_1", "q_3")
+    with pytest.raises(
+        ec.InputError, match=r"'dq_2' \(velocity of 'j2'\).*moves at up to"
+    ):
+        look(tmp_path / "x.yaml", tmp_path / "moves.csv")
+
+
 def test_a_driven_motion_moves_a_locked_joint(folder: Path, tmp_path: Path) -> None:
     columns = {n.replace("q_", "q_j"): v for n, v in log(GRAVITY, 4).items() if "q" in n or n == "t"}  # fmt: skip
     write(columns, tmp_path / "moves.csv")

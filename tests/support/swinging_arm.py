@@ -18,15 +18,16 @@ ARM = """<robot name="arm"><link name="base"/>
 <axis xyz="0 1 0"/></joint></robot>"""
 
 
-def swinging(gravity: str = "file") -> Motion:
+def swinging(gravity: str = "file", wide: float = 1.0, fast: float = 1.0) -> Motion:
     """Time, positions, velocities and torques of the arm with its own inertias and some friction: 10 s at 300 Hz.
 
-    Gravity may be another one than the file's, m/s² in the base frame.
+    Gravity may be another one than the file's, m/s² in the base frame, and swings be wider and faster by factors.
     """
     mechanism = ec.load_setup(ARM, gravity=gravity).mechanism
     base = ec.base_parameters(mechanism)
     t = np.arange(3000) / 300
-    size, rate = np.array([[0.9, 0.4], [0.5, 0.7]]), np.array([[2.1, 5.3], [3.4, 7.9]])
+    size = wide * np.array([[0.9, 0.4], [0.5, 0.7]])
+    rate = fast * np.array([[2.1, 5.3], [3.4, 7.9]])
     phase = t[:, None, None] * rate
     q, qd, qdd = (
         (size * f).sum(axis=2)

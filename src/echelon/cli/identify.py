@@ -179,6 +179,8 @@ def run_predict(
     if as_json:
         show(json_text(summary))
         return
+    for finding in found.findings:
+        show(one_line(f"{finding.severity.value}: {finding}"))
     for score in found.scores:
         show(f"{score.output}: {_fit(score)}")
     known = int(np.isfinite(found.predicted).all(axis=1).sum())
@@ -249,6 +251,7 @@ def _summary(found: Prediction, output: Path | None) -> dict[str, Any]:
         "samples": int(found.time.size),
         "near_ends": int(found.near_ends.sum()),
         "outputs": outputs,
+        "findings": [asdict(finding) for finding in found.findings],
         "file": None if output is None else str(output),
     }
 

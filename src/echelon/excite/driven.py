@@ -365,7 +365,7 @@ def _logged(mechanism: Mechanism, path: str | os.PathLike[str]) -> _Driven:
         for column in (f"{PREFIXES[0]}_{name}", name)
         if column in names
     }
-    resting = [one.position.column for one in locked.values()]
+    resting = [name for one in locked.values() for name in one.columns]
     table = read_table(path, [TIME, *chain.from_iterable(read), *resting])
     check_locked(table, locked)
     found = [np.column_stack([table.columns[name] for name in some]) for some in read]

@@ -213,11 +213,9 @@ def _feasibility(base: BaseModel, fit: BaseFit) -> Feasibility:
 
     That of batches of time has no more rank than there are batches.
     """
-    covariance = (
-        correlation(fit.estimate)
-        * solved(fit.observation, base.units, fit.weights).inverse
-    )
-    return feasibility(base, fit.estimate.values, covariance)
+    triangle = solved(fit.observation, base.units, fit.weights).triangle
+    root = triangle.R / np.sqrt(correlation(fit.estimate))
+    return feasibility(base, fit.estimate.values, root=root)
 
 
 def without_friction(base: BaseModel, fit: BaseFit) -> Floats | None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.base import Identifiability, base_parameters
+from echelon.base import BaseModel, Identifiability, base_parameters
 from echelon.formats import fixed_frames, slides, with_rotors
 from echelon.identification.chosen_values import chosen_values
 from echelon.identification.constants import Constant, Profile, started
@@ -30,6 +30,7 @@ from echelon.identification.judge.findings import contradiction, finding
 from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judged
 from echelon.identification.judge.mounting import is_unknown, standing, with_gravity
+from echelon.identification.judge.units import common_scale
 from echelon.identification.judging import judged_fit, misread_elsewhere
 from echelon.identification.logs.columns.column_guess import CURRENTS, are_currents
 from echelon.identification.logs.finding import (
@@ -45,7 +46,8 @@ from echelon.identification.physics.prior_information import known_before
 from echelon.identification.plausible_mass import mass_findings
 from echelon.identification.result import Identification, fitted_ranges, predicting
 from echelon.identification.rows.plan import LogPlan
-from echelon.identification.scores import Validation
+from echelon.identification.rows.travels import beyond, joined
+from echelon.identification.scores import ROLES, Grade, Validation, grade
 from echelon.identification.setup.logs import with_logs
 from echelon.identification.setup.setup import Setup
 from echelon.identification.surveying import survey
@@ -329,11 +331,16 @@ def _fitted(
         *unsolved,
         *elsewhere,
         *choice,
+        *_beyond(base, validations),
     ]
     if physical is not None and prior is not None:
         findings += departures(
             base.mechanism, physical.standard, prior.values, physical.prior_weight
         )
+    if prior_base is not None and not any(
+        some.kind is Kind.UNIT for some in judgements.taken
+    ):
+        findings += common_scale(data.observation, prior_base)
     if conditions.is_complete and not gain_names(base):
         findings += mass_findings(base, estimate.values)
     findings += disagreements(
@@ -391,6 +398,19 @@ def _validations(
     first = list(data.validations(models, seen))
     reference = first[0] if len(first) == 1 else None
     return (*first, *data.validations(models, unseen, reference))
+
+
+def _beyond(base: BaseModel, validations: Sequence[Validation]) -> Iterator[Finding]:
+    """Unseen logs that go far beyond the fitted ones; where they are predicted well, too, this is worth a note."""
+    seen, unseen = (
+        [some for some in validations if some.role == role] for role in ROLES
+    )
+    fitted = joined(travel for some in seen for travel in some.travels)
+    for some in unseen:
+        grades = [grade(score) for score in some.scores]
+        carries_over = all(found is None or found is Grade.GOOD for found in grades)
+        for text in beyond(base, fitted, some.travels):
+            yield (note if carries_over else warning)("beyond", some.source, text)
 
 
 def _record(setup: Setup, plan: LogPlan) -> dict[str, Any]:

@@ -106,6 +106,9 @@ def judged_fit(
     base = data.plan.base
     guess = None if prior is None else prior.base_values(base)
     unit = None if guess is None else common_unit(base, data.observation, guess)
+    if unit is not None and unit.places:
+        # what one output in another unit leaves in all of them is judged when the set-up is mended
+        return Judgements([unit], [unit])
     taken, told, untested = list[Judged](), list[Judged](), list[str]()
     if unit is not None or is_asked:
         judge = _judge(data.plan, data.fitted(), values, seed=seed, frames=frames)

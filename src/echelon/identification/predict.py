@@ -7,15 +7,17 @@ left out of every fit and score.  The scores are those of validation: of the sam
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from echelon.identification.logs.finding import Finding, note, warning
 from echelon.identification.logs.preparation.prepare import (
     Preparation,
+    PreparationPlan,
     states,
     states_reach,
     usable,
@@ -25,6 +27,13 @@ from echelon.identification.logs.read_log import LogPiece, read_log
 from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
+from echelon.identification.rows.travels import (
+    UNKNOWN,
+    Travel,
+    beyond,
+    joined,
+    travels_of,
+)
 from echelon.identification.scores import Score
 from echelon.identification.validation import validated
 from echelon.shared import Flags, Floats, InputError, public
@@ -48,6 +57,8 @@ class Prediction:
         As logged, where the log has outputs.
     scores : tuple of Score
         One per output, where the log has outputs; those of :func:`echelon.identify` for the same log.
+    findings : tuple of Finding
+        Motions far beyond those that the model was fitted to, or a note that these are not known.
     """
 
     source: str
@@ -58,6 +69,7 @@ class Prediction:
     near_ends: Flags
     measured: Floats | None
     scores: tuple[Score, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         return f"Prediction({self.source}: {len(self.time)} samples × {len(self.outputs)} outputs)"
@@ -87,6 +99,7 @@ def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Predi
     """
     model, zeta = plan.rows([path]), np.asarray(values, dtype=float)
     recordings, predicted, near_ends = [], [], []
+    travels: list[Travel] = []
     rate, own = plan.preparation.rate, ""
     mechanism = plan.base.mechanism
     for piece in read_log(
@@ -100,7 +113,7 @@ def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Predi
                 source=str(path),
             )
         recordings.append(piece.recording)
-        outputs, ends = _at_rows(plan, model, zeta, piece)
+        outputs, ends = _at_rows(plan, model, zeta, piece, travels)
         predicted.append(outputs)
         near_ends.append(ends)
     if not any(np.isfinite(some).any() for some in predicted):
@@ -119,19 +132,40 @@ def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Predi
         validated(model, plan.samples(path), {"model": zeta}, role="validation").scores
         if measured
         else (),
+        tuple(_beyond(plan, joined(travels), str(path))),
     )
 
 
+def _beyond(plan: LogPlan, travels: Sequence[Travel], source: str) -> Iterator[Finding]:
+    """Where the log goes far beyond what the model was fitted to."""
+    if plan.travels is None:
+        yield note("beyond", source, UNKNOWN)
+        return
+    for text in beyond(plan.base, plan.travels, travels):
+        yield warning("beyond", source, text)
+
+
 def _at_rows(
-    plan: LogPlan, model: ModelRows, values: Floats, piece: LogPiece
+    plan: LogPlan,
+    model: ModelRows,
+    values: Floats,
+    piece: LogPiece,
+    travels: list[Travel],
 ) -> tuple[Floats, Flags]:
-    """Predicted outputs at the time stamps of a piece, shape (N, m), and which rows are near ends of stretches."""
+    """Predicted outputs at the time stamps of a piece, shape (N, m), and which rows are near ends of stretches.
+
+    The travels of the piece join the others.
+    """
     time, outputs = piece.recording.time, piece.mechanism.outputs
     preparation = plan.preparation.of(piece.experiment)
     found = np.full((len(time), len(outputs)), np.nan)
     near_ends = np.zeros(len(time), dtype=bool)
     delays = [(preparation.delays or {}).get(output.name, 0.0) for output in outputs]
-    for start, rate, guess in _stretches(preparation, model, values, piece):
+    for samples in _stretches(preparation, piece):
+        start, rate = samples.start, samples.rate
+        travels[:] = joined([*travels, *travels_of(piece.mechanism, samples)])
+        guess = model.predict(samples, values)
+        guess[: samples.first] = guess[samples.end :] = np.nan
         clock = start + np.arange(len(guess)) / rate
         rows = np.flatnonzero(
             (time > clock[0] - 0.5 / rate) & (time < clock[-1] + 0.5 / rate)
@@ -143,27 +177,23 @@ def _at_rows(
     return found, near_ends
 
 
-def _stretches(
-    preparation: Preparation, model: ModelRows, values: Floats, piece: LogPiece
-) -> Iterator[tuple[float, float, Floats]]:
-    """Start (s), rate (Hz) and predicted outputs (N, m) of stretches, nan where their ends spoil the states."""
+def _stretches(preparation: Preparation, piece: LogPiece) -> Iterator[Samples]:
+    """Samples of the stretches of a piece, of which those count whose states the ends do not spoil."""
     mechanism = piece.mechanism
     for segment in piece.segments:
         part = usable(segment, mechanism)
-        q, qd, qdd = states(part, preparation, mechanism)
+        plan = PreparationPlan(preparation, mechanism, part.rate)
+        spoilt = min(states_reach(part.rate, preparation), len(part))
         samples = Samples(
             part.source,
             part.start,
             part.rate,
-            q,
-            qd,
-            qdd,
+            *states(part, preparation, mechanism),
             None,
             part.inputs,
+            plan.reduction,
+            spoilt,
+            max(len(part) - spoilt, spoilt),
             experiment=piece.experiment,
         )
-        samples = with_bristles(samples, mechanism)
-        guess = model.predict(samples, values)
-        spoilt = states_reach(part.rate, preparation)
-        guess[:spoilt] = guess[len(guess) - spoilt :] = np.nan
-        yield part.start, part.rate, guess
+        yield with_bristles(samples, mechanism)

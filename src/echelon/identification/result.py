@@ -16,6 +16,7 @@ from echelon.identification.logs.finding import Finding, counted
 from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
+from echelon.identification.rows.travels import Travel
 from echelon.identification.scores import Score, Validation
 from echelon.identification.verdict import Judgement, by_role
 from echelon.robot import Experiment, Mechanism, mechanism_of
@@ -178,6 +179,11 @@ class Identification:
     def ranges(self) -> tuple[FittedRange, ...]:
         """Band, speeds and left-out rows of every output; elsewhere the model extrapolates."""
         return fitted_ranges(self.preparation, self.pooled[0])
+
+    @property
+    def travels(self) -> tuple[Travel, ...]:
+        """How far and how fast coordinates went in the fitted data; elsewhere the model extrapolates."""
+        return self.pooled[0].travels
 
     @property
     def robot(self) -> Mechanism:

@@ -12,6 +12,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from echelon.identification.rows.travels import Travel
 from echelon.shared import Floats
 
 ROLES = ("identification", "validation")  # whether the fit saw the data
@@ -228,6 +229,7 @@ class Validation:
     plain_scores: tuple[Score, ...] = ()
     traces: tuple[Trace, ...] = ()
     verdict: str = ""  # in words
+    travels: tuple[Travel, ...] = ()  # how far and how fast coordinates went
 
     def beside(self, output: str) -> dict[str, Score]:
         """Scores of the models that it is compared with, by their names."""

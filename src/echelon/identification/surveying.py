@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from math import isfinite
 from pathlib import Path
-
-import numpy as np
 
 from echelon.base import BaseModel, base_parameters
 from echelon.identification.band import Noisy, with_band
@@ -21,7 +20,7 @@ from echelon.identification.conditioning import (
 )
 from echelon.identification.delays import with_delays
 from echelon.identification.estimators.least_squares import noise_estimate
-from echelon.identification.logs.columns.column_map import ColumnMap, signal_names
+from echelon.identification.logs.columns.column_map import ColumnMap
 from echelon.identification.logs.finding import Finding, counted, note, warning
 from echelon.identification.logs.preparation.choices import Signals, chosen
 from echelon.identification.logs.preparation.prepare import (
@@ -33,9 +32,10 @@ from echelon.identification.logs.read_log import LogPiece, read_log
 from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.rows.plan import LogPlan
 from echelon.identification.rows.rows import ModelRows
+from echelon.identification.rows.travels import Travel, joined, travels_of
 from echelon.identification.setup.setup import Setup
 from echelon.robot import Mechanism
-from echelon.shared import Floats, InputError
+from echelon.shared import InputError
 
 MOST_LOGS = 64  # logs that are looked at; of a long log, its first piece
 # samples that choices are made from; faults are looked for in the first piece of every log
@@ -155,16 +155,6 @@ BEGINNING = 20_000  # samples of logs, on their own clocks, that show which para
 
 
 @dataclass(frozen=True)
-class Travel:
-    """Range and speed of a coordinate."""
-
-    coordinate: str
-    low: float  # rad or m
-    high: float
-    speed: float  # largest, rad/s or m/s
-
-
-@dataclass(frozen=True)
 class FirstLook:
     """A robot's logs before anything is fitted: how they are read, and which parameters they show."""
 
@@ -197,7 +187,7 @@ def first_look(setup: Setup, paths: Sequence[Path]) -> FirstLook:
     )
     seen = conditioning(observation, 1 / noise_estimate(observation), base)
     seconds = sum(len(s) / s.rate for s in samples)
-    travels = tuple(_travels(base, samples))
+    travels = joined(_travels(base, samples))
     return FirstLook(base, seconds, setup.columns, surveyed, travels, seen)
 
 
@@ -213,25 +203,10 @@ def _beginnings(plan: LogPlan, paths: Sequence[Path]) -> Iterator[Samples]:
 
 
 def _travels(base: BaseModel, samples: Sequence[Samples]) -> Iterator[Travel]:
-    groups: dict[str, list[Samples]] = {}
-    for some in samples:
-        groups.setdefault(some.experiment, []).append(some)
+    """Travels of coordinates that have a position, those of each experiment by its name."""
     rows = ModelRows.of(base, samples)
-    for experiment, group in groups.items():
-        mechanism = rows.own(group[0]).base.mechanism
-        prefix = f"{experiment}." if experiment else ""
-        for travel in _travels_in(mechanism, group):
-            yield replace(travel, coordinate=prefix + travel.coordinate)
-
-
-def _travels_in(of: Mechanism, samples: Sequence[Samples]) -> Iterator[Travel]:
-    q, qd = (
-        np.concatenate([getattr(some, name) for some in samples])
-        for name in ("q", "qd")
-    )
-    names = signal_names(of, "q", q.shape[1])
-    rates = signal_names(of, "qd", qd.shape[1])
-    speeds: dict[str, Floats] = dict(zip(rates, qd.T, strict=True))
-    for name, values in zip(names, q.T, strict=True):
-        speed = float(np.abs(speeds[name]).max()) if name in speeds else float("nan")
-        yield Travel(name, float(values.min()), float(values.max()), speed)
+    for some in samples:
+        prefix = f"{some.experiment}." if some.experiment else ""
+        for travel in travels_of(rows.own(some).base.mechanism, some):
+            if isfinite(travel.low):
+                yield replace(travel, coordinate=prefix + travel.coordinate)

@@ -24,6 +24,7 @@ from echelon.identification.rows.rows import (
     rows_measured,
     rows_taken,
 )
+from echelon.identification.rows.travels import Travel, joined, travels_of
 from echelon.identification.scores import (
     EMPTY,
     ROLES,
@@ -126,7 +127,8 @@ def validated(
 ) -> Validation:
     """Scores of models with given base parameters on prepared samples."""
     values = [_checked(model, some, name) for name, some in models.items()]
-    following = iter(samples)
+    travels: list[Travel] = []
+    following = _watched(model, samples, travels)
     first = list(islice(following, 1))
     mechanism = model.base.mechanism
     outputs = [(output.name, output.unit) for output in mechanism.outputs]
@@ -134,7 +136,7 @@ def validated(
     samples = chain(first, following)
     # while one stretch is judged, the next is predicted, and the one after that is read
     signals = prefetched(predicted(model, prefetched(samples), values))
-    return validate(
+    found = validate(
         signals,
         outputs,
         tuple(models),
@@ -142,6 +144,17 @@ def validated(
         identification=identification,
         limit=limit,
     )
+    return replace(found, travels=tuple(travels))
+
+
+def _watched(
+    model: ModelRows, samples: Iterable[Samples], travels: list[Travel]
+) -> Iterator[Samples]:
+    """The samples, whose travels are noted as they pass."""
+    for some in samples:
+        mechanism = model.own(some).base.mechanism
+        travels[:] = joined([*travels, *travels_of(mechanism, some)])
+        yield some
 
 
 def validate(

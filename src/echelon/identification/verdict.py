@@ -13,6 +13,7 @@ from functools import reduce
 import numpy as np
 
 from echelon.identification.logs.finding import enumerated
+from echelon.identification.rows.travels import joined
 from echelon.identification.scores import (
     BETTER,
     HALF,
@@ -43,7 +44,8 @@ def pooled(validations: Sequence[Validation]) -> Validation:
     found = Validation(
         f"{len(validations)} logs together", first.role, scores, prior, plain
     )
-    return replace(found, verdict=verdict(found))
+    travels = joined(some for one in validations for some in one.travels)
+    return replace(found, verdict=verdict(found), travels=travels)
 
 
 def by_role(validations: Sequence[Validation]) -> tuple[Validation, ...]:

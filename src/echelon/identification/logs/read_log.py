@@ -89,7 +89,7 @@ def read_log(
     whole = following is None
     while table is not None:
         findings += _left_out(table)
-        check_locked(table, chosen.locked)
+        findings += check_locked(table, chosen.locked)
         recorded, lost = with_lost_rows(recording(table, chosen, mechanism))
         check_not_mixed(recorded)
         findings += check_plausible(recorded, mechanism, chosen)

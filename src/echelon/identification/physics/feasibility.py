@@ -83,13 +83,16 @@ def nearest_physical(
     values: npt.ArrayLike,
     covariance: npt.ArrayLike | None = None,
     symbols: Mapping[str, float] | None = None,
+    root: Floats | None = None,
 ) -> tuple[Floats, float]:
     """Standard parameters, shape (p,), of the robot whose base parameters are nearest to given ones, and how near.
 
-    ``symbols`` are values of those that the model's file does not state.
+    ``symbols`` are values of those that the model's file does not state.  A ``root`` R with RᵀR the inverse of the
+    covariance holds in double precision what the covariance of outputs in very different units does not.
     """
     target, B = checked_values(base, values), base.B_float(symbols)
-    root = information_root(base, target, covariance)
+    if root is None:
+        root = information_root(base, target, covariance)
     problem = EchelonError("the solver found no nearest physical robot")
     for unit in _UNITS:
         try:
@@ -182,7 +185,10 @@ DISTINCT = 2e-3
 
 
 def feasibility(
-    base: BaseModel, values: npt.ArrayLike, covariance: npt.ArrayLike | None = None
+    base: BaseModel,
+    values: npt.ArrayLike,
+    covariance: npt.ArrayLike | None = None,
+    root: Floats | None = None,
 ) -> Feasibility:
     """Whether a robot that can exist has given base parameters.
 
@@ -196,8 +202,9 @@ def feasibility(
         if lift is not None:
             text = f"a physical robot has these base parameters: {len(role.bodies)} pseudo-inertias{signs} were verified"
             return Feasibility(True, text, standard=lift)
-    standard, distance = nearest_physical(base, target, covariance)
-    away = f"{distance:.2g} {'of their size' if covariance is None else 'standard deviations'}"
+    standard, distance = nearest_physical(base, target, covariance, root=root)
+    is_by_size = covariance is None and root is None
+    away = f"{distance:.2g} {'of their size' if is_by_size else 'standard deviations'}"
     nearest = base.B_float() @ standard
     if distance > DISTINCT:
         return Feasibility(

@@ -30,6 +30,7 @@ from echelon.identification.logs.preparation.prepare import (
 from echelon.identification.logs.read_log import read_log
 from echelon.identification.logs.recording import Samples, Segment
 from echelon.identification.rows.rows import ModelRows
+from echelon.identification.rows.travels import Travel
 from echelon.identification.signals.clock import low_passed
 from echelon.identification.signals.filters import reduction
 from echelon.shared import Flags, InputError
@@ -146,6 +147,8 @@ class LogPlan:
     columns: tuple[ColumnMap, ...]  # what columns mean; see read_log
     preparation: Preparation  # with every choice made
     holdout: float = 0.0  # share of each stretch that is held out, 0 to 1
+    # what the model was fitted to; None if nobody knows
+    travels: tuple[Travel, ...] | None = None
 
     def samples(
         self,

@@ -7,7 +7,7 @@ import json
 import math
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -21,6 +21,7 @@ from echelon.identification.logs.columns.column_map import ColumnMap
 from echelon.identification.logs.preparation.prepare import Preparation
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import LogPlan
+from echelon.identification.rows.travels import Travel
 from echelon.identification.saved.schema import (
     EstimateRecord,
     HypothesisRecord,
@@ -28,6 +29,7 @@ from echelon.identification.saved.schema import (
     ParameterRecord,
     PhysicalRecord,
     ScoreRecord,
+    TravelRecord,
 )
 from echelon.identification.scores import Score
 from echelon.identification.servos.servo_fit import ServoFit
@@ -65,11 +67,13 @@ class IdentifiedModel:
     columns: tuple[ColumnMap, ...]
     preparation: Preparation
     document: Mapping[str, Any]  # all that the file says
+    # what it was fitted to; None in files of older versions
+    travels: tuple[Travel, ...] | None = None
 
     @property
     def plan(self) -> LogPlan:
         """How logs become rows, as when the model was fitted."""
-        return LogPlan(self.base, self.columns, self.preparation)
+        return LogPlan(self.base, self.columns, self.preparation, travels=self.travels)
 
     def __repr__(self) -> str:
         return f"IdentifiedModel({self.base.mechanism.name}: {self.base.rank} base parameters)"
@@ -123,8 +127,22 @@ def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
             element="values",
         )
     values = np.array(list(record.values.values()))
-    return IdentifiedModel(
-        base, values, tuple(record.columns), record.preparation, document
+    columns, travels = tuple(record.columns), _travels(record.travels)
+    return IdentifiedModel(base, values, columns, record.preparation, document, travels)
+
+
+def _travels(records: Sequence[TravelRecord] | None) -> tuple[Travel, ...] | None:
+    if records is None:
+        return None
+    return tuple(
+        Travel(
+            some.coordinate,
+            *(
+                math.nan if value is None else value
+                for value in (some.low, some.high, some.speed, some.acceleration)
+            ),
+        )
+        for some in records
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from echelon.base import BaseModelRecord, Value
 from echelon.identification.logs.columns.column_map import ColumnMap
 from echelon.identification.logs.preparation.prepare import Preparation
-from echelon.shared import Record, Values, required
+from echelon.shared import Record, Values, optional, required
 
 
 class ParameterRecord(Record):
@@ -133,6 +133,20 @@ class RangeRecord(Record):
     left_out: int = required("Rows near standstill that left the fit.")
 
 
+class TravelRecord(Record):
+    """Travel of a coordinate in the data that the model was fitted to; beyond it the model extrapolates."""
+
+    coordinate: str
+    low: float | None = required("Lowest position, rad or m; null for balls.")
+    high: float | None = required("Highest position.")
+    speed: float | None = required(
+        "Largest speed, rad/s or m/s; null for components of quaternions."
+    )
+    acceleration: float | None = required(
+        "Largest acceleration in the band, rad/s² or m/s²."
+    )
+
+
 class ValidationRecord(Record):
     """Predictions of one log."""
 
@@ -179,6 +193,10 @@ class IdentifiedRecord(Record):
         "Base parameters that predictions use, SI units."
     )
     ranges: list[RangeRecord] = required("Rows that every output was fitted to.")
+    travels: list[TravelRecord] | None = optional(
+        None,
+        "How far and how fast coordinates went in the fitted data; null in files of older versions.",
+    )
     estimate: EstimateRecord
     essential: EstimateRecord | None
     conditioning: ConditioningRecord

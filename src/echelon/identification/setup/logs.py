@@ -7,7 +7,7 @@ the same.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -20,7 +20,11 @@ from echelon.formats import RobotFile, stated_limits
 from echelon.identification.logs.columns.by_values import is_still
 from echelon.identification.logs.columns.column_guess import guess
 from echelon.identification.logs.columns.column_map import Channel, ColumnMap
-from echelon.identification.logs.columns.column_names import is_output
+from echelon.identification.logs.columns.column_names import (
+    aliases,
+    is_output,
+    meaning,
+)
 from echelon.identification.logs.columns.conversion import needed_columns, unpushed
 from echelon.identification.logs.columns.magnitudes import with_units
 from echelon.identification.logs.faults.locked_joints import STILL
@@ -66,6 +70,11 @@ def with_logs(
     )
     if setup.columns:
         setup = _resting_on(_as_logged(setup, (*fitted, *unseen)))
+        columns = (
+            _beside(some, setup.mechanism.locked, setup.free, (*fitted, *unseen))
+            for some in setup.columns
+        )
+        setup = replace(setup, columns=tuple(columns))
         return with_phases(setup, fitted), fitted, unseen
     kinds: dict[tuple[str, ...], LogFile] = {}
     for path in (*fitted, *unseen):
@@ -86,6 +95,69 @@ def with_logs(
             unmeasured=(*setup.unmeasured, *found.unmeasured),
         )
     return setup, fitted, unseen
+
+
+def _beside(
+    columns: ColumnMap,
+    held: Mapping[str, float],
+    whole: Mechanism | None,
+    paths: Sequence[Path],
+) -> ColumnMap:
+    """Stated columns with those of joints that are locked, where only the names of the logs' columns tell them."""
+    lacking = {name: at for name, at in held.items() if name not in columns.locked}
+    if not lacking or whole is None:
+        return columns
+    files = [path for path in paths if columns.is_for(str(path))]
+    names = dict.fromkeys(name for path in files for name in opened(path).names)
+    told = columns
+    for kind in ("velocity", "position"):
+        stated = columns.channels[kind] or columns.positions
+        units = {channel.unit for channel in columns.channels[kind].values()}
+        unit = units.pop() if len(units) == 1 else ""
+        found = {
+            name: Channel(column, unit)
+            for name, column in _by_numbers(names, kind, whole, stated).items()
+            if name in lacking
+        }
+        group = {**columns.channels[kind], **found}
+        told = (
+            replace(told, positions=group)
+            if kind == "position"
+            else replace(told, velocities=group)
+        )
+    told = told.with_locked(lacking)
+    locked = {
+        name: some if name in columns.locked else replace(some, stated=False)
+        for name, some in told.locked.items()
+    }
+    return replace(told, locked=locked)
+
+
+def _by_numbers(
+    names: Iterable[str], kind: str, whole: Mechanism, stated: Mapping[str, Channel]
+) -> dict[str, str]:
+    """Columns of a kind by the joint that their names tell: by its name, or by its number as in the stated columns."""
+    places = {name: k for k, name in enumerate(whole.positions)}
+    known = aliases(places)
+    firsts = {
+        said.index - places[name]
+        for name, channel in stated.items()
+        if name in places and (said := meaning(channel.column, known))
+        if said.index is not None
+    }
+    first = firsts.pop() if len(firsts) == 1 else None
+    joints = dict(enumerate(places, start=first or 0))
+    found: dict[str, str] = {}
+    for column in names:
+        said = meaning(column, known)
+        if said is None or said.kind != kind or said.motor:
+            continue
+        name = said.name
+        if not name and first is not None and said.index is not None:
+            name = joints.get(said.index, "")
+        if name:
+            found.setdefault(name, column)
+    return found
 
 
 def _as_logged(setup: Setup, paths: Sequence[Path]) -> Setup:
@@ -166,7 +238,26 @@ def _of_experiments(
             columns += [replace(some, files=(str(path),)) for some in stated]
     setup = _resting_on(replace(setup, columns=(*columns, *setup.columns)))
     first, second = (tuple(path for _, path in some) for some in (fitted, unseen))
+    setup = replace(
+        setup,
+        columns=tuple(
+            _beside_of_experiment(setup, some, (*first, *second))
+            for some in setup.columns
+        ),
+    )
     return told_apart(setup, first, second), first, second
+
+
+def _beside_of_experiment(
+    setup: Setup, columns: ColumnMap, paths: Sequence[Path]
+) -> ColumnMap:
+    """Columns of an experiment with those of joints that it locks, where names tell them."""
+    for experiment in setup.experiments:
+        held = experiment.mechanism.locked
+        if held and experiment.name == columns.experiment:
+            whole = setup.free or mechanism_of(experiment.robot)
+            return _beside(columns, held, whole, paths)
+    return columns
 
 
 def _guessed(setup: Setup, experiment: str, path: Path) -> ColumnMap:

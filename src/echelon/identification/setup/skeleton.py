@@ -408,7 +408,11 @@ def _log_section(
 def _with_all_joints(found: Understood) -> ColumnMap:
     """The columns with those of joints that are locked, in the order of the robot's joints."""
     columns = found.columns
-    locked = {name: some.position for name, some in columns.locked.items()}
+    locked = {
+        name: some.position
+        for name, some in columns.locked.items()
+        if some.position is not None
+    }
     every = {**columns.positions, **locked}
     whole = found.setup.free or found.setup.mechanism
     order = {name: k for k, name in enumerate(whole.positions)}

@@ -36,10 +36,18 @@ class Channel:
 
 @dataclass(frozen=True)
 class Locked:
-    """A joint or drive that does not move, and the column that must say so, where a log has it."""
+    """A joint or drive that does not move, and the columns that must say so, where a log has them."""
 
-    position: Channel
+    position: Channel | None
     at: float  # where it stands, rad or m
+    velocity: Channel | None = None  # asked where there is no position
+    # whether somebody stated the columns, or their names tell them
+    stated: bool = True
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(c.column for c in (self.position, self.velocity) if c is not None)
 
 
 @dataclass(frozen=True)
@@ -104,9 +112,10 @@ class ColumnMap:
     def with_locked(self, at: Mapping[str, float]) -> ColumnMap:
         """The map for a robot with some joints and drives locked, whose positions are only compared with theirs."""
         found = self.kept(lambda kind, name: kind == "contact" or name not in at)
-        positions = self.positions.items()
         locked = {
-            name: Locked(some, at[name]) for name, some in positions if name in at
+            name: Locked(self.positions.get(name), there, self.velocities.get(name))
+            for name, there in at.items()
+            if name in self.positions or name in self.velocities
         }
         return replace(found, locked={**self.locked, **locked})
 

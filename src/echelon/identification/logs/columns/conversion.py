@@ -217,7 +217,7 @@ def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, 
     ]
     found = list(dict.fromkeys(channel.column for channel in channels))
     if names:
-        of_locked = [some.position.column for some in columns.locked.values()]
+        of_locked = [name for some in columns.locked.values() for name in some.columns]
         strange = [name for name in found if name not in names]
         if len(strange) == 1:
             raise InputError(

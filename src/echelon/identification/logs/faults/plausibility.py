@@ -73,7 +73,7 @@ def surplus_columns(
         for group in columns.channels.values()
         for channel in group.values()
     }
-    known |= {some.position.column for some in columns.locked.values()}
+    known |= {name for some in columns.locked.values() for name in some.columns}
     patterns = {
         re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)
     }
