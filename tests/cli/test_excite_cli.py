@@ -157,7 +157,7 @@ def test_text_for_people(tmp_path: Path) -> None:
     )
     assert "limits are kept at every time" in done.stdout
     assert re.search(
-        r"^smallest condition number; condition number [\d.]+; log det",
+        r"^criterion: smallest condition number; condition number [\d.]+; log det",
         done.stdout,
         re.M,
     )

@@ -96,7 +96,7 @@ def test_the_way_to_where_a_motion_begins(
         )
     else:
         assert text.endswith(
-            f"does not keep the distance of j2 and post: {least:.3f} m instead of 0.050 m"
+            f"% of it it is {1e3 * (0.05 - least):.3g} mm less than 0.05 m"
         )
 
 
@@ -152,4 +152,5 @@ def test_room_below_the_base_is_named(
     assert len(texts) == bool(below)
     for text in texts:
         assert text.startswith(f"the origin of 'j2' comes down to {below:.3g} m below")
+        assert text.endswith("beside the obstacles 'post', 'mast', 'tower'?")
         assert " ".join(text[1:].split()) in Page(preview_html(found)).words

@@ -117,7 +117,7 @@ def _conditioning(found: ExcitingTrajectory) -> str:
         "condition": "smallest condition number",
     }
     numbers = f"condition number {shown.condition:.3g}; log det of the information {shown.log_det:.5g}"
-    text = f"{names[found.criterion]}; {numbers}\n{_figures(shown.scaled_condition, max(shown.std))}"
+    text = f"criterion: {names[found.criterion]}; {numbers}\n{_figures(shown.scaled_condition, max(shown.std))}"
     worst = one_line(found.base.expressions[shown.worst].name)
     text += f" {one_line(found.base.units[shown.worst])} ({worst})"
     if found.chance is None:

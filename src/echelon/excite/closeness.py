@@ -30,6 +30,8 @@ STEADY = 5e-3
 """Length, m, by which a distance may vary along a motion and still count as one that does not change."""
 WAY_SAMPLES = 201
 """Samples of the way to the pose where a motion begins."""
+EXACT = 1e-6
+"""Length, m, to which distances are measured."""
 AT_ZERO = 1e-9
 """Largest position, rad or m, at which a motion begins at zero: rounding."""
 
@@ -117,10 +119,16 @@ def room_needed(task: Task, trajectory: Trajectory) -> str:
     if below < STEADY:
         return ""
     name = mechanism.bodies[int(heights.min(axis=0).argmin())].name
-    return (
-        f"the origin of '{name}' comes down to {below:.3g} m below that of the base: if there is no such room, state the "
-        "floor or table under  collisions: obstacles"
-    )
+    text = f"the origin of '{name}' comes down to {below:.3g} m below that of the base"
+    obstacles = [
+        f"'{shape.name}'"
+        for part, _ in clearances(task)
+        for shape in part.shapes
+        if shape.obstacle
+    ]
+    if obstacles:
+        return f"{text}: is there room beside the obstacles {', '.join(obstacles)}?"
+    return f"{text}: if there is no such room, state the floor or table under  collisions: obstacles"
 
 
 def positions_along(
@@ -142,11 +150,15 @@ def _of_the_way(task: Task, way: Floats) -> str:
     room = _distances(clearance, None, way) - clearance.low
     sample, pair = np.unravel_index(int(room.argmin()), room.shape)
     whole = f"at {len(way)} samples, the straight way of the joints from zero"
-    if room[sample, pair] >= 0:
+    if room[sample, pair] >= -EXACT:
         return f"; {whole} keeps all distances"
-    low = clearance.low[pair]
-    found_there = f"{room[sample, pair] + low:.3f} m instead of {low:.3f} m"
-    return f"; {whole} does not keep the {clearance.labels[pair]}: {found_there}"
+    missing = (
+        f"{-1e3 * room[sample, pair]:.3g} mm less than {clearance.low[pair]:.3g} m"
+    )
+    share = f"after {sample / (len(way) - 1):.0%} of it"
+    return (
+        f"; {whole} does not keep the {clearance.labels[pair]}: {share} it is {missing}"
+    )
 
 
 def _distances(clearance: Clearance, motion: LoopMotion | None, q: Floats) -> Floats:

@@ -461,6 +461,8 @@ def _starts(found: ExcitingTrajectory) -> Context:
 
 # -- the moving picture ------------------------------------------------------------------------------------------------
 
+LAST_BODY = 0.04
+"""Length of the stub of a last body, by the robot's extent in motion: so short that no one takes it for a tool."""
 PICTURE_RATE = 30.0
 """Pictures per second; fewer where a page would become too large.  A script interpolates between them."""
 STILL = 1e-9
@@ -498,7 +500,7 @@ def scene(found: ExcitingTrajectory) -> Scene:
     extent = float(np.linalg.norm(np.ptp(cloud, axis=0))) or 1.0
     carriers = {body.parent for body in mechanism.bodies}
     last = tuple(i for i in range(len(mechanism.bodies)) if i not in carriers)
-    ends = [PROPORTIONS.last_body * extent * ahead(mechanism, i, extent) for i in last]
+    ends = [LAST_BODY * extent * ahead(mechanism, i, extent) for i in last]
     tips = np.stack(
         [
             origins[:, i] + rotations[:, i] @ end

@@ -170,13 +170,12 @@ _UNIT = b"unit"
 
 
 def csv_text(samples: MotionSamples) -> str:
-    """A header and a line per sample, with 17 significant digits, from which every number reads back exactly."""
+    """A header and a line per sample, in the fewest digits from which every number reads back exactly."""
     columns = _columns(samples)
     stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerow(columns)
-    np.savetxt(
-        stream, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=","
-    )
+    table = csv.writer(stream, lineterminator="\n")
+    table.writerow(columns)
+    table.writerows(np.column_stack(list(columns.values())).tolist())
     return stream.getvalue()
 
 
