@@ -67,6 +67,11 @@ def test_widths_are_positive(tmp_path: Path, width: str) -> None:
         described(tmp_path, "2*w", width)
 
 
+def test_a_range_of_widths_belongs_to_a_symbol(tmp_path: Path) -> None:
+    with pytest.raises(ec.InputError, match=r"symbols: \{w: \{fit: "):
+        described(tmp_path, "2*w", "{fit: [0.01, 1]}")
+
+
 @pytest.mark.parametrize("constants", ["velocity: -0.05", "velocity: 1, exponent: -2"])
 def test_constants_of_other_laws_are_positive_too(
     tmp_path: Path, constants: str

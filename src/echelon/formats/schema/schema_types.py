@@ -50,6 +50,8 @@ _RENAMED = {
 def _scalar(what: str, value: object) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         found = str(value).lower() if isinstance(value, bool) else kind_of(value)
+        if isinstance(value, dict) and "fit" in value:
+            found += "; a range to fit belongs to a symbol: symbols: {w: {fit: [0.01, 1]}}, then write w here"
         raise UnfitError(f"needs {what}, found {found}")
     text = value.strip() if isinstance(value, str) else repr(value)
     if not text:
