@@ -126,7 +126,9 @@ _STRAIGHT = "q itself"
 
 def _read(base: BaseModel) -> set[tuple[str, str]]:
     """Quantities and coordinates that outputs depend on; with loops all, as dependent ones follow the others."""
-    function = base.function("inverse_dynamics")
+    # forces at contacts are unknown, and so are outputs there, but not the rows of the regressor
+    touching = bool(base.mechanism.contacts)
+    function = base.function("regressor" if touching else "inverse_dynamics")
     program, needed = function.program, set(function.needed)
     loops = bool(base.mechanism.dependent_velocities)
     straight = {
