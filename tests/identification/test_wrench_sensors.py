@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.formats.writers.robot_writer import identified_robot
 from echelon.identification.logs.columns.column_map import Channel
+from echelon.identification.origins import inertia_origins
 from echelon.identification.setup.setup import Setup
 from echelon.identification.setup.skeleton import skeleton
 from support.robot_files import robot_file
@@ -205,3 +208,48 @@ def test_intervals_cover_loads_and_zeros(tmp_path: Path) -> None:
     rates = np.mean(inside, axis=0)
     assert np.mean(inside) > 0.92, rates
     assert rates.min() > 0.8, rates
+
+
+def test_links_that_the_sensor_does_not_see_stay_in_the_written_file(
+    tmp_path: Path,
+) -> None:
+    setup = sensor(tmp_path).with_settings(physical=True)
+    result = ec.identify(setup, run(1))
+    assert result.physical is not None
+    robot, file = result.robot, setup.robot_file
+    assert file is not None
+    values = dict(
+        zip(result.physical.parameters, result.physical.standard, strict=True)
+    )
+    standard = [values[name] for name in robot.parameters]
+    (written,) = identified_robot(robot, standard, file, [inertia_origins(result)])
+    before, after = (
+        re.findall(r"<inertial[^>]*>", text)
+        for text in (file.data.decode(), written.text)
+    )
+    *unseen, hand = [body.name for body in robot.bodies]
+    assert len(before) == len(after) == len(robot.bodies)
+    assert before[:-1] == after[:-1]
+    assert before[-1] != after[-1]
+    others = ", ".join(f"'{name}'" for name in unseen)
+    origins = f"inertias from the data alone: '{hand}'; as in the robot file, since no output sees them: {others}"
+    assert written.text.count(origins) == 1
+
+
+def test_limits_of_a_link_that_no_output_sees_count_more_than_its_file(
+    tmp_path: Path,
+) -> None:
+    name = ARM.load(tmp_path).mechanism.bodies[0].name
+    limits = {"bodies": {name: {"mass": [90.0, 91.0]}}}
+    result = ec.identify(
+        sensor(tmp_path, identification=limits).with_settings(physical=True), run(1)
+    )
+    assert result.physical is not None
+    values = dict(
+        zip(result.physical.parameters, result.physical.standard, strict=True)
+    )
+    assert 90 <= values[f"M{result.robot.bodies[0].label}"] <= 91
+    assert (
+        f"from the prior, since the data do not tell them: '{name}'"
+        in inertia_origins(result)
+    )

@@ -105,14 +105,18 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
     """Everything that is written, by name, so that nothing is written unless all of it can be."""
     from echelon.formats import identified_robot
     from echelon.identification import KIND as FAR_FROM_PRIOR
+    from echelon.identification import inertia_origins
     from echelon.report import report_html
 
     files = {MODEL: identification_to_json(result), REPORT: report_html(result)}
     if result.physical is not None:
         remarks = [
-            finding.text
-            for finding in result.findings
-            if finding.kind in (FAR_FROM_PRIOR, "currents")
+            inertia_origins(result),
+            *(
+                finding.text
+                for finding in result.findings
+                if finding.kind in (FAR_FROM_PRIOR, "currents")
+            ),
         ]
         fit, mechanism = result.physical, result.robot
         known = dict(zip(fit.parameters, fit.standard, strict=True))

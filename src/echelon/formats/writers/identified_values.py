@@ -61,6 +61,7 @@ class IdentifiedValues:
 
     bodies: tuple[Floats, ...]  # one per body, zero for what it does not carry
     effects: Mapping[str, float]  # by parameter
+    kept: frozenset[str] = frozenset()  # bodies with the values of their file
 
 
 def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedValues:
@@ -88,13 +89,24 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
         else:
             for body in mechanism.sharing[parameter.body]:
                 bodies[body][parameter.kind] = value
+    kept = {
+        body.name
+        for body, ten in zip(mechanism.bodies, bodies, strict=True)
+        if body.inertial is not None
+        and ten.any()
+        and np.array_equal(body.inertial, ten)
+    }
     least = NEGLIGIBLE_BODY * max((np.abs(body).max() for body in bodies), default=0.0)
     for ten in bodies:
         if np.abs(ten).max() < least:
             ten[:] = 0.0
     for carrier in mechanism.carriers:
         _check_consistency(mechanism.bodies[carrier], bodies[carrier])
-    return IdentifiedValues(tuple(map(with_zeros, bodies)), effects)
+    found = (
+        ten if body.name in kept else with_zeros(ten)
+        for body, ten in zip(mechanism.bodies, bodies, strict=True)
+    )
+    return IdentifiedValues(tuple(found), effects, frozenset(kept))
 
 
 def has_centre(values: Floats) -> bool:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -134,6 +135,12 @@ class MjcfEditor:
             b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR
         }
 
+    @cached_property
+    def kept(self) -> frozenset[str]:
+        """Bodies that stay as they are: those with the file's values, unless settings of the compiler change them."""
+        changes = any(map(_harmful, self.editor.root.findall("compiler")))
+        return frozenset() if changes else self.values.kept
+
     def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         """The document, and notes."""
         fixed = {
@@ -173,16 +180,18 @@ class MjcfEditor:
     def _write_bodies(self) -> Iterator[str]:
         lumped: list[str] = []
         massless: list[str] = []
-        pending = [
-            (e, False)
+        pending: list[tuple[Any, str | None]] = [
+            (e, None)
             for world in self.editor.root.findall("worldbody")
             for e in _children(world)
         ]
         while pending:
             element, rides = pending.pop(0)
             name = self.model.bodies[element]
-            moves = rides or name in self.indices
-            if name in self.indices:
+            moves = name if name in self.indices else rides
+            if moves in self.kept:
+                pass
+            elif name in self.indices:
                 load = load_of(self.values.bodies[self.indices[name]], name)
                 massless += [] if load else [name]
                 self._write_inertial(element, load or _nothing(element))
@@ -250,7 +259,15 @@ class MjcfEditor:
         """Take away armatures that identified inertias hold, and what joints have that follow others."""
         # the identified values of the joint that leads cover those
         cleared: dict[str, list[str]] = {}
+        unseen = {
+            motion.name
+            for body in self.mechanism.bodies
+            if body.name in self.kept
+            for motion in body.joint.motions
+        }
         for name, joint in stated.items():
+            if name in unseen and name not in self.mechanism.dependent:
+                continue
             for key in _RUBBING if name in self.mechanism.dependent else ("armature",):
                 if _first(getattr(joint, key)) and key not in written[name]:
                     written[name][key] = 0.0
@@ -286,15 +303,20 @@ class MjcfEditor:
     def _write_compiler(self) -> Iterator[str]:
         changed: list[str] = []
         for element in self.editor.root.findall("compiler"):
-            harmful = [
-                key
-                for key in _HARMFUL
-                if element.get(key) is not None and element.get(key) not in _HARMLESS
-            ]
+            harmful = _harmful(element)
             self.editor.drop_attributes(element, harmful)
             changed += harmful
         if changed:
             yield f"settings that could change the inertias are left out: {', '.join(dict.fromkeys(changed))}"
+
+
+def _harmful(compiler: Any) -> list[str]:
+    """Settings of an element that may change stated inertias."""
+    return [
+        key
+        for key in _HARMFUL
+        if compiler.get(key) is not None and compiler.get(key) not in _HARMLESS
+    ]
 
 
 def _children(element: Any) -> Iterator[Any]:

@@ -124,6 +124,9 @@ class UrdfEditor:
         massless: list[str] = []
         for name, link in self.links.items():
             inertials = link.findall("inertial")
+            body = self._body_of(name)
+            if body in self.values.kept:
+                continue
             load = (
                 load_of(self.values.bodies[self.bodies[name]], name)
                 if name in self.bodies
@@ -131,7 +134,7 @@ class UrdfEditor:
             )
             if load is not None:
                 self._write_inertial(link, inertials, load)
-            elif name in self.bodies or self._rides(name):
+            elif body is not None:
                 (massless if name in self.bodies else lumped).extend(
                     [name] if inertials else []
                 )
@@ -143,11 +146,11 @@ class UrdfEditor:
         if massless:
             yield f"no inertial, since they carry no parameters or zero: {in_quotes(massless)}"
 
-    def _rides(self, link: str) -> bool:
-        """Whether a link is fixed to a body, rather than to the world."""
+    def _body_of(self, link: str) -> str | None:
+        """The body that a link is or is fixed to; None of the world."""
         while link in self.carriers and link not in self.bodies:
             link = self.carriers[link]
-        return link in self.bodies
+        return link if link in self.bodies else None
 
     def _write_inertial(self, link: Any, inertials: list[Any], load: Load) -> None:
         if not inertials:
