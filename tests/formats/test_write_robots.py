@@ -215,6 +215,9 @@ def test_what_urdf_cannot_say_is_said(arm: tuple[Mechanism, WrittenRobot]) -> No
     ):
         assert part in said
     assert all(note in written.text for note in written.notes)
+    (doubt,) = written.doubts
+    assert "wrong accelerations" in doubt
+    assert "0.5 kg·m² at 'shoulder', ZZ_wheel = 0.001 kg·m² of its drive" in doubt
 
 
 def test_bytes_of_other_encodings_and_marks_are_read(tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ from echelon.formats.mjcf.mjcf_reader import DRIVES
 from echelon.formats.writers.identified_values import (
     ROTOR,
     IdentifiedValues,
+    JointEffects,
     Load,
     head_comment,
     joint_effects,
@@ -35,6 +36,7 @@ from echelon.formats.writers.identified_values import (
     load_of,
     number_text,
     reading_notes,
+    rotor_doubts,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, decoded
 from echelon.robot import JointNumber, Mechanism
@@ -141,8 +143,10 @@ class MjcfEditor:
         changes = any(map(_harmful, self.editor.root.findall("compiler")))
         return frozenset() if changes else self.values.kept
 
-    def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-        """The document, and notes."""
+    def written(
+        self, remarks: Sequence[str]
+    ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        """The document, notes, and doubts."""
         fixed = {
             name for body, name in self.model.bodies.items() if not _has(body, JOINTS)
         }
@@ -156,10 +160,14 @@ class MjcfEditor:
                 source=self.source,
                 element=f"body '{strange}'",
             )
+        stated = self._single_joints()
+        effects = joint_effects(
+            self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT
+        )
         notes = [
             *remarks,
             *self._write_bodies(),
-            *self._write_joints(),
+            *self._write_joints(stated, effects),
             *self._write_compiler(),
         ]
         notes += reading_notes(self.mechanism, self.values, self.editor.root, _FORMAT)
@@ -173,7 +181,8 @@ class MjcfEditor:
                 "the base is fixed in this file as in the input, although it was identified floating"
             )
         self.editor.insert_first(self.editor.root, head_comment(notes))
-        return self.editor.result(), tuple(notes)
+        doubts = rotor_doubts(self.mechanism, self.values, effects, _FORMAT)
+        return self.editor.result(), tuple(notes), doubts
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
@@ -225,17 +234,19 @@ class MjcfEditor:
 
     # -- joints and settings ---------------------------------------------------------------------------------------
 
-    def _write_joints(self) -> Iterator[str]:
+    def _single_joints(self) -> dict[str, Any]:
+        """Hinges and slides of the compiled model, by name."""
         mujoco = import_mujoco()
         single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-        stated = {
+        return {
             str(joint.name): joint
             for joint in self.model.spec.joints
             if joint.type in single
         }
-        effects = joint_effects(
-            self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT
-        )
+
+    def _write_joints(
+        self, stated: Mapping[str, Any], effects: JointEffects
+    ) -> Iterator[str]:
         written = {name: dict(effects.attributes.get(name, {})) for name in stated}
         yield from self._counted_elsewhere(stated, written)
         for element, name in self.model.joints.items():

@@ -34,6 +34,7 @@ from echelon.formats.writers.identified_values import (
     load_of,
     number_text,
     reading_notes,
+    rotor_doubts,
     rotor_notes,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, quoted
@@ -93,8 +94,10 @@ class UrdfEditor:
             b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR
         }
 
-    def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-        """The document, and notes."""
+    def written(
+        self, remarks: Sequence[str]
+    ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        """The document, notes, and doubts."""
         strange = next((name for name in self.bodies if name not in self.links), None)
         if strange is not None:
             raise InputError(
@@ -115,7 +118,8 @@ class UrdfEditor:
         notes += effects.notes
         notes += reading_notes(self.mechanism, self.values, self.editor.root, FORMAT)
         self.editor.insert_first(self.editor.root, head_comment(notes))
-        return self.editor.result(), tuple(notes)
+        doubts = rotor_doubts(self.mechanism, self.values, effects, FORMAT)
+        return self.editor.result(), tuple(notes), doubts
 
     # -- links -----------------------------------------------------------------------------------------------------
 
@@ -269,8 +273,10 @@ class UrdfGenerator:
             mechanism, values.effects, DYNAMICS, self.single, FORMAT
         )
 
-    def written(self, remarks: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
-        """The document, and notes."""
+    def written(
+        self, remarks: Sequence[str] = ()
+    ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        """The document, notes, and doubts."""
         lines: list[str] = []
         seats: dict[int, _Seat] = {}
         if self.base is None:
@@ -290,7 +296,8 @@ class UrdfGenerator:
         notes = (*remarks, *self._notes())
         inside = "".join(f"  {line}\n" for line in [*head_comment(notes), *lines])
         head = f'<?xml version="1.0" encoding="UTF-8"?>\n<robot name={quoted(self.mechanism.name)}>\n'
-        return f"{head}{inside}</robot>\n", notes
+        doubts = rotor_doubts(self.mechanism, self.values, self.effects, FORMAT)
+        return f"{head}{inside}</robot>\n", notes, doubts
 
     def _link(self, index: int, seat: _Seat) -> list[str]:
         load = load_of(move(self.values.bodies[index], seat.frame), seat.link)
