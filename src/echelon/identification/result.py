@@ -14,6 +14,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.judge.judge import Judged
 from echelon.identification.logs.finding import Finding, counted
 from echelon.identification.logs.preparation.prepare import Preparation
+from echelon.identification.masses import BodyMass, body_masses
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.scores import Score, Validation
@@ -178,6 +179,13 @@ class Identification:
     def ranges(self) -> tuple[FittedRange, ...]:
         """Band, speeds and left-out rows of every output; elsewhere the model extrapolates."""
         return fitted_ranges(self.preparation, self.pooled[0])
+
+    @property
+    def masses(self) -> tuple[BodyMass, ...]:
+        """Mass and centre of mass, with intervals, of bodies that the data tell alone."""
+        if not self.conditioning.is_complete:
+            return ()
+        return body_masses(self.base, self.estimate, self.level)
 
     @property
     def robot(self) -> Mechanism:
