@@ -215,6 +215,9 @@ def test_what_urdf_cannot_say_is_said(arm: tuple[Mechanism, WrittenRobot]) -> No
     ):
         assert part in said
     assert all(note in written.text for note in written.notes)
+    (doubt,) = written.doubts
+    assert "wrong accelerations" in doubt
+    assert "0.5 kg·m² at 'shoulder', ZZ_wheel = 0.001 kg·m² of its drive" in doubt
 
 
 def test_bytes_of_other_encodings_and_marks_are_read(tmp_path: Path) -> None:
@@ -306,3 +309,32 @@ def test_names_that_xml_cannot_have_are_refused() -> None:
     odd = replace(mechanism, name="a\x01b")
     with pytest.raises(InputError, match="control characters"):
         UrdfGenerator(odd, sorted_values(odd, solid(1, 0.1))).written()
+
+
+# -- bodies with the values of their file ------------------------------------------------------------------------------
+
+LINKS = """<robot name="chain"><link name="base"/>
+<joint name="j1" type="continuous"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/></joint>
+<link name="l1"><inertial><origin xyz=".10 2e-2 0"/><mass value="2.50"/>
+<inertia ixx=".020" ixy="0" ixz="0" iyy=".020" iyz="1e-6" izz="0.020"/></inertial></link>
+<joint name="f1" type="fixed"><parent link="l1"/><child link="cover"/><origin xyz="0 0 .1"/></joint>
+<link name="cover"><inertial><mass value=".30"/>
+<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
+<joint name="j2" type="continuous"><parent link="l1"/><child link="l2"/><axis xyz="1 0 0"/></joint>
+<link name="l2"><inertial><mass value="1.0"/>
+<inertia ixx=".010" ixy="0" ixz="0" iyy=".010" iyz="0" izz=".010"/></inertial></link></robot>"""
+
+
+def test_links_with_the_values_of_their_file_stay_byte_for_byte(tmp_path: Path) -> None:
+    (tmp_path / "in.urdf").write_text(LINKS)
+    file = open_robot(tmp_path / "in.urdf")
+    mechanism = ec.load(tmp_path / "in.urdf")
+    values = standard(mechanism)
+    values[10:] *= 1.5
+    (written,) = identified_robot(mechanism, values, file)
+    first, _, second = LINKS.partition('<joint name="j2"')
+    assert first.partition("\n")[2] in written.text
+    assert second not in written.text
+    assert '<mass value="1.5"/>' in written.text
+    assert not any("'cover'" in note for note in written.notes)
+    assert_near(standard(reread(written, EXACT)), values, 1e-14)

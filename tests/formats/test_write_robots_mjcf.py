@@ -195,3 +195,24 @@ def test_held_joints_keep_next_to_no_mass(tmp_path: Path) -> None:
     assert mujoco.MjModel.from_xml_string(
         written.text
     ).body_mass.sum() == pytest.approx(values[9], rel=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:compiler attribute")
+@pytest.mark.parametrize("setting", ["", 'settotalmass="9"'])
+def test_bodies_with_the_values_of_their_file_stay_unless_settings_change_them(
+    setting: str, tmp_path: Path
+) -> None:
+    first = f"""<body name="a"><joint name="j" armature=".30" damping="0"/>{BODY}
+        <body name="lid" pos="0 0 .1"><geom size=".1"/></body>"""
+    second = '<body name="b" pos="0 1 0"><joint name="k" armature=".20"/><geom size=".10" mass="2.0"/></body>'
+    (tmp_path / "in.xml").write_text(
+        f"<mujoco><compiler {setting}/><worldbody>{first}{second}</body></worldbody></mujoco>"
+    )
+    mechanism = ec.load(tmp_path / "in.xml", snap_tolerance=0)
+    values = standard(mechanism)
+    values[10:] *= 1.5
+    (written,) = identified_robot(mechanism, values, open_robot(tmp_path / "in.xml"))
+    assert (first in written.text) == (not setting)
+    assert second not in written.text
+    again = reread(written, ReadingOptions(snap_tolerance=0), tmp_path)
+    assert_near(standard(again), values, 1e-11)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,9 +13,14 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.formats.writers.robot_writer import identified_robot
 from echelon.identification.logs.columns.column_map import Channel
+from echelon.identification.masses import body_masses
+from echelon.identification.origins import inertia_origins
+from echelon.identification.saved.identified import identification_to_json
 from echelon.identification.setup.setup import Setup
 from echelon.identification.setup.skeleton import skeleton
+from echelon.report import report_html
 from support.robot_files import robot_file
 from support.simulated_systems import SYSTEMS, motion_of
 
@@ -23,6 +29,8 @@ ZEROS = np.array([2.0, -3.0, 5.0, 0.1, -0.05, 0.02])
 NOISE = np.array([0.3, 0.3, 0.3, 0.01, 0.01, 0.01])
 ARM = SYSTEMS["wrist sensor"]
 SEEDS = 50
+LOAD = slice(46, 50)
+"""Places of MX, MY, MZ and M of the fifth body, which is the hand, among the standard parameters."""
 
 
 def sensor(folder: Path, **changes: Any) -> Setup:
@@ -194,7 +202,8 @@ def test_a_drift_with_temperature_is_an_effect_of_the_output(tmp_path: Path) -> 
 @pytest.mark.slow
 def test_intervals_cover_loads_and_zeros(tmp_path: Path) -> None:
     setup = sensor(tmp_path)
-    inside = []
+    mass, centre = true_mass()
+    inside, masses_inside = [], []
     for seed in range(SEEDS):
         rng = np.random.default_rng(1000 + seed)
         zeros = ZEROS * rng.uniform(-1, 1, 6)
@@ -202,6 +211,101 @@ def test_intervals_cover_loads_and_zeros(tmp_path: Path) -> None:
         low, high = result.estimate.interval(0.95).T
         true = expected(result, zeros)
         inside.append((low <= true) & (true <= high))
+        (load,) = result.masses
+        masses_inside += [
+            load.mass_low < mass < load.mass_high,
+            *((load.centre_low < centre) & (centre < load.centre_high)),
+        ]
     rates = np.mean(inside, axis=0)
     assert np.mean(inside) > 0.92, rates
     assert rates.min() > 0.8, rates
+    assert 0.9 < np.mean(masses_inside) < 0.99
+
+
+def true_mass() -> tuple[float, np.ndarray]:
+    """Mass and centre of mass of the load in the hand."""
+    *moments, mass = list(truth().values())[LOAD]
+    return mass, np.array(moments) / mass
+
+
+def test_mass_and_centre_of_a_load_are_written_with_intervals(tmp_path: Path) -> None:
+    result = ec.identify(sensor(tmp_path), run(1))
+    (load,) = result.masses
+    assert load.body == result.robot.bodies[-1].name
+    mass, centre = true_mass()
+    assert load.mass_low < mass < load.mass_high
+    assert np.abs(load.centre - centre).max() < 2e-3
+    (saved,) = json.loads(identification_to_json(result))["masses"]
+    assert saved["centre"] == load.centre.tolist()
+    page = report_html(result)
+    assert f"mass of {load.body}" in page
+    assert f"numbers of bodies: {result.robot.bodies[-1].label} {load.body}" in page
+
+
+def test_intervals_cover_masses_and_centres(tmp_path: Path) -> None:
+    """Planted errors of the estimate's covariance leave the intervals about once in twenty times."""
+    setup = sensor(tmp_path)
+    result = ec.identify(setup, run(0))
+    mass, centre = true_mass()
+    rng = np.random.default_rng(7)
+    draws = rng.multivariate_normal(
+        expected(result), result.estimate.covariance, size=2000
+    )
+    inside = []
+    for values in draws:
+        (load,) = body_masses(
+            result.base, replace(result.estimate, values=values), 0.95
+        )
+        inside.append(
+            [
+                load.mass_low < mass < load.mass_high,
+                *((load.centre_low < centre) & (centre < load.centre_high)),
+            ]
+        )
+    rates = np.mean(inside, axis=0)
+    assert (np.abs(rates - 0.95) < 0.015).all(), rates
+
+
+def test_links_that_the_sensor_does_not_see_stay_in_the_written_file(
+    tmp_path: Path,
+) -> None:
+    setup = sensor(tmp_path).with_settings(physical=True)
+    result = ec.identify(setup, run(1))
+    assert result.physical is not None
+    robot, file = result.robot, setup.robot_file
+    assert file is not None
+    values = dict(
+        zip(result.physical.parameters, result.physical.standard, strict=True)
+    )
+    standard = [values[name] for name in robot.parameters]
+    (written,) = identified_robot(robot, standard, file, [inertia_origins(result)])
+    before, after = (
+        re.findall(r"<inertial[^>]*>", text)
+        for text in (file.data.decode(), written.text)
+    )
+    *unseen, hand = [body.name for body in robot.bodies]
+    assert len(before) == len(after) == len(robot.bodies)
+    assert before[:-1] == after[:-1]
+    assert before[-1] != after[-1]
+    others = ", ".join(f"'{name}'" for name in unseen)
+    origins = f"inertias from the data alone: '{hand}'; as in the robot file, since no output sees them: {others}"
+    assert written.text.count(origins) == 1
+
+
+def test_limits_of_a_link_that_no_output_sees_count_more_than_its_file(
+    tmp_path: Path,
+) -> None:
+    name = ARM.load(tmp_path).mechanism.bodies[0].name
+    limits = {"bodies": {name: {"mass": [90.0, 91.0]}}}
+    result = ec.identify(
+        sensor(tmp_path, identification=limits).with_settings(physical=True), run(1)
+    )
+    assert result.physical is not None
+    values = dict(
+        zip(result.physical.parameters, result.physical.standard, strict=True)
+    )
+    assert 90 <= values[f"M{result.robot.bodies[0].label}"] <= 91
+    assert (
+        f"from the prior, since the data do not tell them: '{name}'"
+        in inertia_origins(result)
+    )

@@ -7,6 +7,7 @@ from echelon.base.derive import base_of as base_of
 from echelon.base.derive import base_parameters as base_parameters
 from echelon.base.derive import base_structure as base_structure
 from echelon.base.derive import specialised as specialised
+from echelon.base.display import body_names as body_names
 from echelon.base.display import classification_rows as classification_rows
 from echelon.base.display import facts as facts
 from echelon.base.display import headline as headline

@@ -147,6 +147,24 @@ def classification_rows(
     return rows
 
 
+def body_names(model: _RobotSet) -> str:
+    """The bodies that numbers in names of base parameters stand for, such as ``7 tool0``."""
+    mechanism, kinds = model.mechanism, model.classification
+    seen = {
+        parameter.body
+        for parameter in mechanism.columns
+        if kinds[parameter.name] is not Identifiability.UNIDENTIFIABLE
+    }
+    named = [
+        (mechanism.bodies[body].label, mechanism.carrier_name(body))
+        for body in mechanism.carriers
+        if body in seen
+    ]
+    return ", ".join(
+        one_line(f"{label} {name}") for label, name in named if label != name
+    )
+
+
 def classification_lines(model: _RobotSet | _LinearSet) -> list[str]:
     """The classification as a plain text table; for a linear model each class with its parameters."""
     if _is_linear(model):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.cli.destination import Destination
-from echelon.cli.screen import json_text, say_time, say_written, show, steps
+from echelon.cli.screen import json_text, say_doubts, say_time, say_written, show, steps
 from echelon.cli.terminal import print_identification, print_servos
 from echelon.codegen import TARGETS
 from echelon.identification import (
@@ -83,8 +83,9 @@ def run_identify(
             setup, tuple(logs), tuple(validate), client=client, on_step=step
         )
         step("writing")
-        files = {} if output is None else _files(result, setup, target)
+        files, doubts = ({}, []) if output is None else _files(result, setup, target)
     paths = [] if output is None else output.write_into(files)
+    say_doubts(doubts)
     if as_json:
         show(
             json_text(
@@ -101,24 +102,32 @@ def run_identify(
     return result.reasons
 
 
-def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
-    """Everything that is written, by name, so that nothing is written unless all of it can be."""
+def _files(
+    result: Identification, setup: Setup, target: str
+) -> tuple[dict[str, str], list[str]]:
+    """Everything that is written, by name, so that nothing is written unless all of it can be; and doubts about it."""
     from echelon.formats import identified_robot
     from echelon.identification import KIND as FAR_FROM_PRIOR
+    from echelon.identification import inertia_origins
     from echelon.report import report_html
 
     files = {MODEL: identification_to_json(result), REPORT: report_html(result)}
+    doubts: list[str] = []
     if result.physical is not None:
         remarks = [
-            finding.text
-            for finding in result.findings
-            if finding.kind in (FAR_FROM_PRIOR, "currents")
+            inertia_origins(result),
+            *(
+                finding.text
+                for finding in result.findings
+                if finding.kind in (FAR_FROM_PRIOR, "currents")
+            ),
         ]
         fit, mechanism = result.physical, result.robot
         known = dict(zip(fit.parameters, fit.standard, strict=True))
         standard = [known[name] for name in mechanism.parameters]
         for robot in identified_robot(mechanism, standard, setup.robot_file, remarks):
             files[robot.name] = robot.text
+            doubts += [f"{robot.name}: {doubt}" for doubt in robot.doubts]
     base, experiments = result.base, result.base.mechanism.experiments
     base = base.experiment(experiments[0]) if experiments else base
     # in contact base parameters determine no forces of drives
@@ -134,7 +143,7 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
         files |= generate(
             base, target, name="model", parameters=values, remarks=remarks
         )
-    return files
+    return files, doubts
 
 
 def run_servos(

@@ -54,6 +54,12 @@ def say_written(paths: Iterable[Path]) -> None:
         show(f"wrote {written}")
 
 
+def say_doubts(doubts: Iterable[str]) -> None:
+    """Print doubts about what was written, on standard error as other warnings."""
+    for doubt in doubts:
+        click.echo(visible(f"warning: {one_line(doubt)}"), err=True)
+
+
 def say_time(started: float) -> None:
     """Print the time since a value of ``perf_counter``; only on a terminal, so that equal runs write equal bytes."""
     if sys.stderr.isatty():

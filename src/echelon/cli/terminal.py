@@ -13,6 +13,7 @@ from rich.text import Text
 from echelon.base import (
     BaseModel,
     Identifiability,
+    body_names,
     classification_rows,
     facts,
     headline,
@@ -25,6 +26,7 @@ from echelon.shared import PARAMETERS, one_line
 if TYPE_CHECKING:
     from echelon.comparison import Comparison
     from echelon.identification import (
+        BodyMass,
         Estimate,
         Identification,
         Judged,
@@ -120,6 +122,10 @@ def print_identification(result: Identification) -> None:
         for table in _scores(console, validation):
             console.print(table)
     console.print(_parameters(result.base, estimate, result.level))
+    if named := body_names(result.base):
+        console.print(Text(f"numbers of bodies: {named}"))
+    if masses := result.masses:
+        console.print(_masses(masses, result.level))
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
         console.print(Text(result.feasibility.evidence))
@@ -315,6 +321,18 @@ def _parameters(base: BaseModel, estimate: Estimate, level: float) -> Table:
         if more := len(some[_PARAMETERS:]):
             what = "friction, springs or drives" if is_effect else "bodies"
             table.add_row(Text(f"… and {more} more of {what}"), "", "", "")
+    return table
+
+
+def _masses(masses: Sequence[BodyMass], level: float) -> Table:
+    interval = f"{level:.0%} interval"
+    table = plain_table(
+        "body", "value", interval, "unit", left=("body", interval, "unit")
+    )
+    for some in masses:
+        for name, value, low, high, unit in some.rows:
+            cells = f"{value:.5g}", f"{low:.5g} … {high:.5g}", unit
+            table.add_row(Text(one_line(name)), *cells)
     return table
 
 

@@ -27,6 +27,8 @@ from echelon.identification.logs.finding import warning as warning
 from echelon.identification.logs.positions import logged_positions as logged_positions
 from echelon.identification.logs.preparation.prepare import Preparation as Preparation
 from echelon.identification.logs.units import factor as factor
+from echelon.identification.masses import BodyMass as BodyMass
+from echelon.identification.origins import inertia_origins as inertia_origins
 from echelon.identification.physics.feasibility import Feasibility as Feasibility
 from echelon.identification.physics.fit import KIND as KIND
 from echelon.identification.physics.fit import PhysicalFit as PhysicalFit

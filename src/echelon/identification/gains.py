@@ -44,7 +44,7 @@ class GainEstimate:
     drives, units : tuple of str
         Names of the gains, such as ``Kt1``, and their SI units.
     gains, std : array of shape (k,)
-        A gain that was given has standard deviation 0.
+        Values and standard deviations; a gain that was given has standard deviation 0.
     estimate : Estimate
         Base parameters of the robot, gains among them, then those of the payload.
     scale : str
@@ -74,11 +74,8 @@ class GainEstimate:
 
     def __repr__(self) -> str:
         some = zip(self.drives, self.gains, self.std, self.units, strict=True)
-        return (
-            "GainEstimate("
-            + ", ".join(f"{n} = {g:.4g} ± {s:.2g} {u}" for n, g, s, u in some)
-            + ")"
-        )
+        gains = ", ".join(f"{n} = {g:.4g} ± {s:.2g} {u}" for n, g, s, u in some)
+        return f"GainEstimate({gains}; ± one standard deviation)"
 
 
 @public

@@ -14,6 +14,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.judge.judge import Judged
 from echelon.identification.logs.finding import Finding, counted
 from echelon.identification.logs.preparation.prepare import Preparation
+from echelon.identification.masses import BodyMass, body_masses
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.rows.travels import Travel
@@ -184,6 +185,13 @@ class Identification:
     def travels(self) -> tuple[Travel, ...]:
         """How far and how fast coordinates went in the fitted data; elsewhere the model extrapolates."""
         return self.pooled[0].travels
+
+    @property
+    def masses(self) -> tuple[BodyMass, ...]:
+        """Mass and centre of mass, with intervals, of bodies that the data tell alone."""
+        if not self.conditioning.is_complete:
+            return ()
+        return body_masses(self.base, self.estimate, self.level)
 
     @property
     def robot(self) -> Mechanism:

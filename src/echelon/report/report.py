@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from echelon.base import body_names
 from echelon.identification import (
     CLEAR,
     Feasibility,
@@ -357,6 +358,8 @@ def parameters(run: Identification) -> Context:
     ]
     return {
         "rows": rows,
+        "bodies": body_names(run.base),
+        "masses": [_mass_row(row) for body in run.masses for row in body.rows],
         "others": [name for name, _ in others],
         "level": f"{100 * run.level:g}",
         "essential": None
@@ -364,6 +367,19 @@ def parameters(run: Identification) -> Context:
         else sum(row["essential"] for row in rows),
         "predict_with": run.predict_with,
         "method": run.estimate.method,
+    }
+
+
+def _mass_row(row: tuple[str, float, float, float, str]) -> Context:
+    name, value, low, high, unit = row
+    half = (high - low) / 2
+    low_text, value_text, high_text = (to_place(x, half) for x in (low, value, high))
+    return {
+        "name": name,
+        "value": value_text,
+        "low": low_text,
+        "high": high_text,
+        "unit": unit,
     }
 
 

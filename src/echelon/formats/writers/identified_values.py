@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.formats.snapping import PRECISION
+from echelon.formats.usual_effects import slides
 from echelon.formats.writers.xml_editor import comment
 from echelon.robot import (
     ALL,
@@ -34,7 +35,7 @@ from echelon.robot import (
     pseudo_inertia,
     with_zeros,
 )
-from echelon.shared import PARAMETERS, PER_BODY, Floats, InputError, in_quotes
+from echelon.shared import PARAMETERS, PER_BODY, Floats, InputError, in_quotes, listed
 
 ROTOR = "rotor"  # kind of the joint of a body that is the rotor of a drive
 
@@ -61,6 +62,7 @@ class IdentifiedValues:
 
     bodies: tuple[Floats, ...]  # one per body, zero for what it does not carry
     effects: Mapping[str, float]  # by parameter
+    kept: frozenset[str] = frozenset()  # bodies with the values of their file
 
 
 def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedValues:
@@ -88,13 +90,24 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
         else:
             for body in mechanism.sharing[parameter.body]:
                 bodies[body][parameter.kind] = value
+    kept = {
+        body.name
+        for body, ten in zip(mechanism.bodies, bodies, strict=True)
+        if body.inertial is not None
+        and ten.any()
+        and np.array_equal(body.inertial, ten)
+    }
     least = NEGLIGIBLE_BODY * max((np.abs(body).max() for body in bodies), default=0.0)
     for ten in bodies:
         if np.abs(ten).max() < least:
             ten[:] = 0.0
     for carrier in mechanism.carriers:
         _check_consistency(mechanism.bodies[carrier], bodies[carrier])
-    return IdentifiedValues(tuple(map(with_zeros, bodies)), effects)
+    found = (
+        ten if body.name in kept else with_zeros(ten)
+        for body, ten in zip(mechanism.bodies, bodies, strict=True)
+    )
+    return IdentifiedValues(tuple(found), effects, frozenset(kept))
 
 
 def has_centre(values: Floats) -> bool:
@@ -152,14 +165,42 @@ def rotor_notes(
 ) -> Iterator[str]:
     """Spin inertias of rotors that are bodies of their own, which no robot file has."""
     spins = [
-        f"{parameter.name} = {float(values.bodies[parameter.body][parameter.kind])!r} {parameter.unit}"
-        for parameter in mechanism.columns
-        if parameter.body is not None
-        and parameter.kind is not None
-        and mechanism.bodies[parameter.body].joint.kind == ROTOR
+        f"{name} = {value!r} {unit}" for name, value, unit in _spins(mechanism, values)
     ]
     if spins:
         yield f"{file_format} has no rotors that turn with joints, left out: {', '.join(spins)}"
+
+
+def _spins(
+    mechanism: Mechanism, values: IdentifiedValues
+) -> Iterator[tuple[str, float, str]]:
+    for parameter in mechanism.columns:
+        body, kind = parameter.body, parameter.kind
+        if body is None or kind is None:
+            continue
+        if mechanism.bodies[body].joint.kind == ROTOR:
+            yield parameter.name, float(values.bodies[body][kind]), parameter.unit
+
+
+def rotor_doubts(
+    mechanism: Mechanism,
+    values: IdentifiedValues,
+    effects: JointEffects,
+    file_format: str,
+) -> tuple[str, ...]:
+    """A doubt about simulations with a file that lacks rotor inertias, if it lacks any."""
+    spins = [some for some in _spins(mechanism, values) if some[1] > 0]
+    rotors = [
+        *effects.lost_rotors,
+        *(f"{name} = {value:.4g} {unit} of its drive" for name, value, unit in spins),
+    ]
+    if not rotors:
+        return ()
+    text = (
+        f"{file_format} has no place for some rotor inertias, so simulations with this file have wrong accelerations: "
+        f"add them in the simulator, such as  armature  in MuJoCo: {listed(rotors)}"
+    )
+    return (text,)
 
 
 def reading_notes(
@@ -191,6 +232,7 @@ class JointEffects:
     # by coordinate: the format's attribute and its value at the joint, SI units
     attributes: Mapping[str, Mapping[str, float]]
     notes: tuple[str, ...]  # the others, with their values
+    lost_rotors: tuple[str, ...] = ()  # rotor inertias among the others, at joints
 
 
 @dataclass(frozen=True)
@@ -216,6 +258,7 @@ def joint_effects(
     """
     attributes: dict[str, dict[str, float]] = {}
     lost: dict[str, list[str]] = {}
+    lost_rotors: list[str] = []
     for effect in mechanism.effects:
         value = values[effect.parameter]
         # one parameter may be that of several joints
@@ -231,6 +274,11 @@ def joint_effects(
             lost.setdefault(reason, []).append(
                 f"{effect.parameter} = {value!r} {effect.unit}"
             )
+            if value > 0 and any(
+                action.number is JointNumber.ARMATURE for action in effect.actions
+            ):
+                shown = f"{effect.parameter} = {value:.4g} {effect.unit}"
+                lost_rotors += [_rotor(mechanism, at, shown) for at in simple]
             continue
         for at in filter(None, simple):
             found = attributes.setdefault(at.coordinate, {})
@@ -242,7 +290,16 @@ def joint_effects(
     return JointEffects(
         attributes,
         tuple(f"{reason}: {', '.join(entries)}" for reason, entries in lost.items()),
+        tuple(lost_rotors),
     )
+
+
+def _rotor(mechanism: Mechanism, at: _Simple | None, shown: str) -> str:
+    """A rotor inertia as one number of a joint, or as a file states that of coupled drives."""
+    if at is None:
+        return f"{shown} of coupled drives"
+    unit = "kg" if slides(mechanism, at.coordinate) else "kg·m²"
+    return f"{at.value:.4g} {unit} at '{at.coordinate}'"
 
 
 def kept_notes(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from echelon.formats.mjcf.mjcf_reader import DRIVES
 from echelon.formats.writers.identified_values import (
     ROTOR,
     IdentifiedValues,
+    JointEffects,
     Load,
     head_comment,
     joint_effects,
@@ -34,6 +36,7 @@ from echelon.formats.writers.identified_values import (
     load_of,
     number_text,
     reading_notes,
+    rotor_doubts,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, decoded
 from echelon.robot import JointNumber, Mechanism
@@ -134,8 +137,16 @@ class MjcfEditor:
             b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR
         }
 
-    def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-        """The document, and notes."""
+    @cached_property
+    def kept(self) -> frozenset[str]:
+        """Bodies that stay as they are: those with the file's values, unless settings of the compiler change them."""
+        changes = any(map(_harmful, self.editor.root.findall("compiler")))
+        return frozenset() if changes else self.values.kept
+
+    def written(
+        self, remarks: Sequence[str]
+    ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        """The document, notes, and doubts."""
         fixed = {
             name for body, name in self.model.bodies.items() if not _has(body, JOINTS)
         }
@@ -149,10 +160,14 @@ class MjcfEditor:
                 source=self.source,
                 element=f"body '{strange}'",
             )
+        stated = self._single_joints()
+        effects = joint_effects(
+            self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT
+        )
         notes = [
             *remarks,
             *self._write_bodies(),
-            *self._write_joints(),
+            *self._write_joints(stated, effects),
             *self._write_compiler(),
         ]
         notes += reading_notes(self.mechanism, self.values, self.editor.root, _FORMAT)
@@ -166,23 +181,26 @@ class MjcfEditor:
                 "the base is fixed in this file as in the input, although it was identified floating"
             )
         self.editor.insert_first(self.editor.root, head_comment(notes))
-        return self.editor.result(), tuple(notes)
+        doubts = rotor_doubts(self.mechanism, self.values, effects, _FORMAT)
+        return self.editor.result(), tuple(notes), doubts
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
     def _write_bodies(self) -> Iterator[str]:
         lumped: list[str] = []
         massless: list[str] = []
-        pending = [
-            (e, False)
+        pending: list[tuple[Any, str | None]] = [
+            (e, None)
             for world in self.editor.root.findall("worldbody")
             for e in _children(world)
         ]
         while pending:
             element, rides = pending.pop(0)
             name = self.model.bodies[element]
-            moves = rides or name in self.indices
-            if name in self.indices:
+            moves = name if name in self.indices else rides
+            if moves in self.kept:
+                pass
+            elif name in self.indices:
                 load = load_of(self.values.bodies[self.indices[name]], name)
                 massless += [] if load else [name]
                 self._write_inertial(element, load or _nothing(element))
@@ -216,17 +234,19 @@ class MjcfEditor:
 
     # -- joints and settings ---------------------------------------------------------------------------------------
 
-    def _write_joints(self) -> Iterator[str]:
+    def _single_joints(self) -> dict[str, Any]:
+        """Hinges and slides of the compiled model, by name."""
         mujoco = import_mujoco()
         single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-        stated = {
+        return {
             str(joint.name): joint
             for joint in self.model.spec.joints
             if joint.type in single
         }
-        effects = joint_effects(
-            self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT
-        )
+
+    def _write_joints(
+        self, stated: Mapping[str, Any], effects: JointEffects
+    ) -> Iterator[str]:
         written = {name: dict(effects.attributes.get(name, {})) for name in stated}
         yield from self._counted_elsewhere(stated, written)
         for element, name in self.model.joints.items():
@@ -250,7 +270,15 @@ class MjcfEditor:
         """Take away armatures that identified inertias hold, and what joints have that follow others."""
         # the identified values of the joint that leads cover those
         cleared: dict[str, list[str]] = {}
+        unseen = {
+            motion.name
+            for body in self.mechanism.bodies
+            if body.name in self.kept
+            for motion in body.joint.motions
+        }
         for name, joint in stated.items():
+            if name in unseen and name not in self.mechanism.dependent:
+                continue
             for key in _RUBBING if name in self.mechanism.dependent else ("armature",):
                 if _first(getattr(joint, key)) and key not in written[name]:
                     written[name][key] = 0.0
@@ -286,15 +314,20 @@ class MjcfEditor:
     def _write_compiler(self) -> Iterator[str]:
         changed: list[str] = []
         for element in self.editor.root.findall("compiler"):
-            harmful = [
-                key
-                for key in _HARMFUL
-                if element.get(key) is not None and element.get(key) not in _HARMLESS
-            ]
+            harmful = _harmful(element)
             self.editor.drop_attributes(element, harmful)
             changed += harmful
         if changed:
             yield f"settings that could change the inertias are left out: {', '.join(dict.fromkeys(changed))}"
+
+
+def _harmful(compiler: Any) -> list[str]:
+    """Settings of an element that may change stated inertias."""
+    return [
+        key
+        for key in _HARMFUL
+        if compiler.get(key) is not None and compiler.get(key) not in _HARMLESS
+    ]
 
 
 def _children(element: Any) -> Iterator[Any]:

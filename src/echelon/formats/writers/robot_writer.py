@@ -27,6 +27,7 @@ class WrittenRobot:
     notes: tuple[
         str, ...
     ]  # what the format cannot say, with values, and what was changed beside inertias
+    doubts: tuple[str, ...] = ()  # what makes simulations with the file wrong
 
 
 def identified_robot(

@@ -34,6 +34,7 @@ from echelon.formats.writers.identified_values import (
     load_of,
     number_text,
     reading_notes,
+    rotor_doubts,
     rotor_notes,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, quoted
@@ -93,8 +94,10 @@ class UrdfEditor:
             b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR
         }
 
-    def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-        """The document, and notes."""
+    def written(
+        self, remarks: Sequence[str]
+    ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        """The document, notes, and doubts."""
         strange = next((name for name in self.bodies if name not in self.links), None)
         if strange is not None:
             raise InputError(
@@ -115,7 +118,8 @@ class UrdfEditor:
         notes += effects.notes
         notes += reading_notes(self.mechanism, self.values, self.editor.root, FORMAT)
         self.editor.insert_first(self.editor.root, head_comment(notes))
-        return self.editor.result(), tuple(notes)
+        doubts = rotor_doubts(self.mechanism, self.values, effects, FORMAT)
+        return self.editor.result(), tuple(notes), doubts
 
     # -- links -----------------------------------------------------------------------------------------------------
 
@@ -124,6 +128,9 @@ class UrdfEditor:
         massless: list[str] = []
         for name, link in self.links.items():
             inertials = link.findall("inertial")
+            body = self._body_of(name)
+            if body in self.values.kept:
+                continue
             load = (
                 load_of(self.values.bodies[self.bodies[name]], name)
                 if name in self.bodies
@@ -131,7 +138,7 @@ class UrdfEditor:
             )
             if load is not None:
                 self._write_inertial(link, inertials, load)
-            elif name in self.bodies or self._rides(name):
+            elif body is not None:
                 (massless if name in self.bodies else lumped).extend(
                     [name] if inertials else []
                 )
@@ -143,11 +150,11 @@ class UrdfEditor:
         if massless:
             yield f"no inertial, since they carry no parameters or zero: {in_quotes(massless)}"
 
-    def _rides(self, link: str) -> bool:
-        """Whether a link is fixed to a body, rather than to the world."""
+    def _body_of(self, link: str) -> str | None:
+        """The body that a link is or is fixed to; None of the world."""
         while link in self.carriers and link not in self.bodies:
             link = self.carriers[link]
-        return link in self.bodies
+        return link if link in self.bodies else None
 
     def _write_inertial(self, link: Any, inertials: list[Any], load: Load) -> None:
         if not inertials:
@@ -266,8 +273,10 @@ class UrdfGenerator:
             mechanism, values.effects, DYNAMICS, self.single, FORMAT
         )
 
-    def written(self, remarks: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
-        """The document, and notes."""
+    def written(
+        self, remarks: Sequence[str] = ()
+    ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        """The document, notes, and doubts."""
         lines: list[str] = []
         seats: dict[int, _Seat] = {}
         if self.base is None:
@@ -287,7 +296,8 @@ class UrdfGenerator:
         notes = (*remarks, *self._notes())
         inside = "".join(f"  {line}\n" for line in [*head_comment(notes), *lines])
         head = f'<?xml version="1.0" encoding="UTF-8"?>\n<robot name={quoted(self.mechanism.name)}>\n'
-        return f"{head}{inside}</robot>\n", notes
+        doubts = rotor_doubts(self.mechanism, self.values, self.effects, FORMAT)
+        return f"{head}{inside}</robot>\n", notes, doubts
 
     def _link(self, index: int, seat: _Seat) -> list[str]:
         load = load_of(move(self.values.bodies[index], seat.frame), seat.link)

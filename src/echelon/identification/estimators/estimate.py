@@ -76,11 +76,21 @@ class Estimate:
         level : float
             Probability that an interval covers the true value.
         """
+        half = self.quantile(level) * self.std
+        return np.stack([self.values - half, self.values + half], axis=1)
+
+    def quantile(self, level: float) -> float:
+        """Half the width of an interval in standard deviations, by Student's distribution.
+
+        Parameters
+        ----------
+        level : float
+            Probability that the interval covers the true value.
+        """
         with extra("identify"):
             from scipy.stats import t
 
-        half = t.ppf(0.5 + level / 2, max(self.degrees, 1.0)) * self.std
-        return np.stack([self.values - half, self.values + half], axis=1)
+        return float(t.ppf(0.5 + level / 2, max(self.degrees, 1.0)))
 
     def __repr__(self) -> str:
         return f"Estimate({self.method}: {len(self.values)} parameters from {sum(self.rows)} rows)"

@@ -238,6 +238,27 @@ def put_inside(programme: Programme, standard: Floats) -> tuple[Floats, float]:
     )
 
 
+def at_rest(programme: Programme, standard: Floats, unseen: frozenset[int]) -> Floats:
+    """Parameters with bodies of the prior in the places of those that no output sees; shape (p,).
+
+    Each of them is where the divergence vanishes, which solvers reach up to their tolerance.  Where limits do not let
+    a body be the prior's, it stays.
+    """
+    reference = programme.reference
+    found = standard
+    for start, body, informed in zip(
+        programme.role.starts, reference.bodies, reference.informed, strict=True
+    ):
+        place = range(start, start + PER_BODY)
+        if not informed or not unseen.issuperset(place):
+            continue
+        moved = found.copy()
+        moved[place] = body
+        if holds(programme, moved) and _keeps_equalities(programme.limits, moved):
+            found = moved
+    return found
+
+
 def interior_point(programme: Programme) -> Floats:
     """A point well inside of all constraints: with the largest least slack, in units of the reference bodies."""
     p, bodies = programme.role.size, len(programme.role.bodies)
@@ -300,6 +321,12 @@ def _equal(limits: LinearLimits, standard: Floats) -> Floats:
         column = int(np.flatnonzero(row)[0])
         corrected[column] = -value / row[column]
     return corrected
+
+
+def _keeps_equalities(limits: LinearLimits, standard: Floats) -> bool:
+    rows, constant = limits.equal[:, :-1], limits.equal[:, -1]
+    size = np.abs(rows) @ np.abs(standard) + np.abs(constant)
+    return bool((np.abs(rows @ standard + constant) <= ROUNDING * size).all())
 
 
 def _signed(limits: LinearLimits, standard: Floats) -> Floats:

@@ -45,6 +45,7 @@ from echelon.identification.logs.finding import Finding, enumerated, warning
 from echelon.identification.physics.bounds import Bounds, roles
 from echelon.identification.physics.feasibility import (
     active,
+    at_rest,
     interior_point,
     put_inside,
 )
@@ -203,6 +204,8 @@ def physical_fit(
         problem.matrix(triangle.R), triangle.qty, choice.weight
     )
     standard, step = put_inside(problem.programme, standard)
+    unseen = _columns(base, Identifiability.UNIDENTIFIABLE)
+    standard = at_rest(problem.programme, standard, unseen)
     values = problem.B @ standard
     programme, reached = problem.programme, problem.programme.margins(standard)
     names = [name for name, _ in programme.role.bodies]
@@ -257,7 +260,7 @@ class _Problem:
             bounds,
             prior,
             _told(base, triangle),
-            _shared(base),
+            _columns(base, Identifiability.COMBINATION),
         )
         if bounds is not None:
             interior_point(programme)
@@ -349,12 +352,10 @@ def _told(base: BaseModel, triangle: Triangle) -> dict[int, float]:
     return {base.matrix.pivots[k]: float(abs(values[k])) for k in clear}
 
 
-def _shared(base: BaseModel) -> frozenset[int]:
-    """Columns of standard parameters that are seen in combinations only."""
+def _columns(base: BaseModel, kind: Identifiability) -> frozenset[int]:
+    """Columns of standard parameters of a kind."""
     seen = (base.classification[name] for name in base.parameters)
-    return frozenset(
-        k for k, how in enumerate(seen) if how is Identifiability.COMBINATION
-    )
+    return frozenset(k for k, how in enumerate(seen) if how is kind)
 
 
 def _misfit(triangle: Triangle, values: Floats) -> float:

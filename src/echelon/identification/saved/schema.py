@@ -87,6 +87,18 @@ class PhysicalRecord(Record):
     diagnostics: dict[str, Any]
 
 
+class BodyMassRecord(Record):
+    """Mass and centre of mass of a body that data tell alone, with confidence intervals."""
+
+    body: str
+    mass: float = required("Mass, kg.")
+    mass_low: float
+    mass_high: float
+    centre: list[float] = required("Centre of mass in the frame of the body, m.")
+    centre_low: list[float]
+    centre_high: list[float]
+
+
 class FitRecord(Record):
     """How well predictions fit some rows of an output; null where undefined."""
 
@@ -199,6 +211,9 @@ class IdentifiedRecord(Record):
     )
     estimate: EstimateRecord
     essential: EstimateRecord | None
+    masses: list[BodyMassRecord] = required(
+        "Bodies whose mass and centre of mass the data tell alone."
+    )
     conditioning: ConditioningRecord
     feasibility: FeasibilityRecord | None
     physical: PhysicalRecord | None
