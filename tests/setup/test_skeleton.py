@@ -418,9 +418,12 @@ def test_currents_without_a_scale_are_a_doubt_of_a_fit(
     assert (result.judgement.badge == "do not use") == doubted
     assert doubted or result.judgement.badge == "good"
     files = "setup.yaml", "log.csv", "-o", "result"
-    run("identify", *files, cwd=tmp_path)
+    printed = run("identify", *files, cwd=tmp_path).stdout
+    assert ("N·m stands for A" in " ".join(printed.split())) == doubted
     robot = (tmp_path / "result" / "identified.urdf").read_text()
     assert ("names of currents" in robot) == doubted
+    page = (tmp_path / "result" / "report.html").read_text()
+    assert page.count("N·m stands for A") == 5 * doubted
 
 
 def test_commands_without_torques_make_a_fit_of_servos(

@@ -26,6 +26,7 @@ from echelon.identification.advantage import Advantage
 from echelon.identification.conditioning import conditioning
 from echelon.identification.judge.hypothesis import Kind, Usual
 from echelon.identification.judge.judge import Judged
+from echelon.identification.masses import BodyMass
 from echelon.identification.servos.servo_fit import ServoLimit, ServoScore
 from echelon.robot.effect import KINDS
 from support.paths import EXAMPLES, ROOT
@@ -433,6 +434,9 @@ OBJECTS: Mapping[str, Example] = {
     ),
     "payload": Example(lambda: ec.Payload("j2", {"M": 0.5})),
     "gains": Example(gains),
+    "mass of a load": Example(
+        lambda: BodyMass("load", 1.2, 1.1, 1.3, *np.zeros((3, 3))), repr
+    ),
     "identification": Example(identification, shown),
     "hypothesis": Example(hypothesis),
     "what a fit covers": Example(lambda: identification().ranges, repr),

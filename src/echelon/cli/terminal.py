@@ -118,6 +118,8 @@ def print_identification(result: Identification) -> None:
     print_findings(console, result.findings)
     if result.hypotheses:
         console.print(_hypotheses(result.hypotheses))
+    if remark := result.unit_remark:
+        console.print(Text(f"tables: {remark}", style="yellow"))
     for validation in result.pooled:
         for table in _scores(console, validation):
             console.print(table)

@@ -101,6 +101,10 @@ def predicting(
     return found
 
 
+UNSCALED = (
+    "units may be wrong: columns with names of currents are read as torques; if they are in A, N·m stands for A, and "
+    "kg, kg·m² and units of friction hold up to the torque per ampere"
+)
 SHOWN_PARAMETERS = 30  # in a notebook: one screen; a data frame has all
 _MEASURED, _PREDICTED = "#4477aa", "#ee6677"
 
@@ -185,6 +189,12 @@ class Identification:
     def travels(self) -> tuple[Travel, ...]:
         """How far and how fast coordinates went in the fitted data; elsewhere the model extrapolates."""
         return self.pooled[0].travels
+
+    @property
+    def unit_remark(self) -> str:
+        """A remark on tables whose units hold for torques where outputs are currents; else empty."""
+        kinds = {finding.kind for finding in self.findings}
+        return UNSCALED if "currents" in kinds else ""
 
     @property
     def masses(self) -> tuple[BodyMass, ...]:

@@ -22,6 +22,7 @@ from functools import cache, cached_property
 from html import escape
 from math import floor, inf, isfinite, isinf, isnan, log10
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -260,15 +261,26 @@ def html_page(
     titles: Mapping[str, str],
     contexts: Mapping[str, Context],
     data: Any,
+    *,
+    remarks: Mapping[str, str] = MappingProxyType({}),
     **page: Any,
 ) -> str:
-    """A page as text: a header, and a section by each key of ``titles``, from templates ``PREFIX + KEY``."""
+    """A page as text: a header, and a section by each key of ``titles``, from templates ``PREFIX + KEY``.
+
+    Remarks, by section, stand under titles.
+    """
     html = {
         key: render(f"{prefix}{key}.html.j2", context)
         for key, context in contexts.items()
     }
     sections = [
-        {"key": key, "title": text, "html": html[key]} for key, text in titles.items()
+        {
+            "key": key,
+            "title": text,
+            "remark": remarks.get(key, ""),
+            "html": html[key],
+        }
+        for key, text in titles.items()
     ]
     shown = {
         "title": title,

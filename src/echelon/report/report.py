@@ -86,6 +86,10 @@ _SETTINGS = {
 """Titles and units of settings of the preparation; others go by their names."""
 
 
+_WITH_UNITS = ("summary", "parameters", "traces", "residuals", "physics")
+"""Sections that show values in units of outputs or parameters."""
+
+
 @public
 def report_html(identification: Identification) -> str:
     """A report about an identification, as one HTML file.
@@ -126,6 +130,7 @@ def report_html(identification: Identification) -> str:
         "physics": physics(identification),
         "preparation": _preparation(identification),
     }
+    remarks = dict.fromkeys(_WITH_UNITS, identification.unit_remark)
     return html_page(
         f"Identification of {one_line(identification.base.mechanism.name)}",
         "",
@@ -134,6 +139,7 @@ def report_html(identification: Identification) -> str:
         payload(identification.validations),
         styles=[],
         scripts=["report.js"],
+        remarks=remarks,
         without_script="Plots, sorting and searching need JavaScript, which is switched off.",
     )
 
