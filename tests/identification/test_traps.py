@@ -22,6 +22,7 @@ NAMED = (
         "sign",
         "exchanged",
         "stribeck",
+        "smooth",
     ),
     *(
         "sea",

@@ -634,6 +634,26 @@ def _stribeck(arm: Arm) -> TrapLog:
     return _log(arm, forces(arm.q, arm.qd, arm.qdd), "Stribeck", forces)
 
 
+def _smooth(arm: Arm) -> TrapLog:
+    """Dry friction that turns smoothly, within a twentieth of the usual speeds."""
+    width = 0.05 * float(np.median(arm.qd.std(axis=0)))
+
+    def forces(q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        change: Floats = np.tanh(qd / width) - np.sign(qd)
+        return arm.forces(q, qd, qdd) + arm.dry * change
+
+    return _log(arm, forces(arm.q, arm.qd, arm.qdd), "smooth_coulomb", forces)
+
+
+def _lag(arm: Arm) -> TrapLog:
+    """Sensors that follow Coulomb friction, and all else, within 20 ms."""
+    tau = arm.forces(arm.q, arm.qd, arm.qdd)
+    kept = np.exp(-1 / (0.02 * RATE))
+    for k in range(1, len(tau)):
+        tau[k] = kept * tau[k - 1] + (1 - kept) * tau[k]
+    return _log(arm, tau, None)
+
+
 def _quant(arm: Arm) -> TrapLog:
     return usual_log(arm, step=3e-3)
 
@@ -684,6 +704,8 @@ TRAPS: dict[str, Callable[[Arm], TrapLog]] = {
     "sign": _sign,
     "exchanged": _exchanged,
     "stribeck": _stribeck,
+    "smooth": _smooth,
+    "lag": _lag,
     "quant": _quant,
     "saturate": _saturate,
     "dropout": _dropout,

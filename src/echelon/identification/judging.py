@@ -15,6 +15,7 @@ from echelon.identification.judge.hypothesis import Kind
 from echelon.identification.judge.judge import Judge, Judged
 from echelon.identification.judge.mounting import free_gravity
 from echelon.identification.judge.readings import Readings
+from echelon.identification.judge.reversals import Reversals
 from echelon.identification.judge.units import common_unit
 from echelon.identification.logs.columns.column_map import ColumnMap
 from echelon.identification.logs.columns.magnitudes import fitting_units
@@ -42,6 +43,10 @@ SETUP_ERROR = "setup error"
 USUAL_RATES = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 10.0)
 """Rates at which robots are logged, in powers of ten."""
 
+_SPIKED = 1.25
+"""Rms of all samples without a filter, by the noise of the sensor, from which on something short is not modelled, such
+as friction at reversals: it adds half of the squares of noise."""
+
 RATE_ERROR = 0.02  # relative error up to which the judge finds a rate
 
 
@@ -52,11 +57,18 @@ def _judge(
     *,
     seed: int | None = None,
     frames: Mapping[str, FixedFrame] | None = None,
+    fastest: Mapping[str, float] | None = None,
 ) -> Judge:
-    """A judge of prepared samples and base parameters; with a seed it may turn gravity."""
+    """A judge of prepared samples and base parameters; with a seed it may turn gravity.
+
+    Friction near zero speed is judged at outputs whose ``fastest`` speeds are given, rad/s or m/s.
+    """
     base, preparation = plan.base, plan.preparation
     free, gravity = (base, None) if seed is None else free_gravity(base, seed)
-    states = States.of(samples, preparation.band or np.inf, base, values, gravity)
+    still = preparation.still if isinstance(preparation.still, Mapping) else {}
+    reversals = Reversals(base.mechanism, fastest, still) if fastest else None
+    band = preparation.band or np.inf
+    states = States.of(samples, band, base, values, gravity, reversals)
     columns = plan.columns[0] if plan.columns else ColumnMap()
     measured = "qd" in (preparation.measured or ())
     delays = preparation.delays or {}
@@ -88,7 +100,8 @@ def judged_fit(
 ) -> Judgements:
     """Hypotheses that explain what a fit with some base parameters leaves, and those beside them.
 
-    A fit that leaves nothing is not judged, unless physics contradict it.  Axes of force/torque sensors may follow some
+    A fit that leaves nothing is not judged, unless physics contradict it; one that leaves nothing but spikes is judged
+    by its friction at reversals.  Axes of force/torque sensors may follow some
     ``frames``.
     """
     is_doubtful = is_contradicted or _is_poor(validations)
@@ -110,9 +123,23 @@ def judged_fit(
         # what one output in another unit leaves in all of them is judged when the set-up is mended
         return Judgements([unit], [unit])
     taken, told, untested = list[Judged](), list[Judged](), list[str]()
-    if unit is not None or is_asked:
-        judge = _judge(data.plan, data.fitted(), values, seed=seed, frames=frames)
-        judge = replace(judge, doubtful=is_doubtful, gravity_is_open=gravity_is_open)
+    only_reversals = not is_asked and unit is None
+    if not only_reversals or _is_spiked(by_role(validations)):
+        fastest = {
+            score.output: score.fastest
+            for score in by_role(validations)[0].scores
+            if np.isfinite(score.fastest)
+        }
+        samples = data.fitted()
+        judge = _judge(
+            data.plan, samples, values, seed=seed, frames=frames, fastest=fastest
+        )
+        judge = replace(
+            judge,
+            doubtful=is_doubtful,
+            only_reversals=only_reversals,
+            gravity_is_open=gravity_is_open,
+        )
         if prior is not None:
             judge.prior = prior.base_values(judge.base, judge.states.symbols)
         taken = judge.run() if judge.is_told else []
@@ -169,6 +196,12 @@ def _is_unexplained(validations: Sequence[Validation]) -> bool:
     fitted, judged = validations[0], validations[-1]
     above = any(score.by_noise > UNEXPLAINED for score in fitted.scores)
     return above or any(score.r2 < 1 - EXPLAINED for score in judged.scores)
+
+
+def _is_spiked(validations: Sequence[Validation]) -> bool:
+    """Whether samples without a filter have more left than the noise of a sensor."""
+    fitted = validations[0].scores
+    return any(score.raw.rms > _SPIKED * score.noise for score in fitted)
 
 
 def misread_elsewhere(

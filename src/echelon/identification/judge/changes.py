@@ -10,9 +10,9 @@ from math import floor, log10
 import numpy as np
 
 from echelon.base import BaseModel
-from echelon.identification.judge.effects import places
 from echelon.identification.judge.evidence import BLOCKS, States
 from echelon.identification.judge.hypothesis import Kind, Term, Usual
+from echelon.identification.judge.places import places
 from echelon.shared import PER_BODY, Floats
 
 _WARM = (

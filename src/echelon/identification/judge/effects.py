@@ -3,68 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from math import inf
 
 import numpy as np
 
+from echelon.base import BaseModel
 from echelon.identification.judge.evidence import States
 from echelon.identification.judge.hypothesis import Kind, Term, Usual
-from echelon.identification.logs.columns.column_map import signal_names
-from echelon.robot import Mechanism, Side, known_values
+from echelon.identification.judge.places import Place, places
+from echelon.robot import Mechanism
 from echelon.shared import Floats
 
 _HARMONICS = range(1, 13)
 _SLOW = ((0.05, "very slow"), (0.15, "slow"), (0.4, "rather slow"))
 """Velocities of Stribeck friction that are tried, by the usual speed."""
+_SMOOTH = (0.55, 1.8)
+"""Sizes of smooth friction by that of the Coulomb friction in whose place it is.  They are the same for the true width;
+steps of tried widths, of 2.5 at most, leave as much open."""
 _ENDS = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95)  # where stops may begin, by half of the range
-
-
-@dataclass(frozen=True)
-class Place:
-    """An output that is the force of one drive or joint, and the coordinate of that."""
-
-    output: int
-    name: str
-    ratios: tuple[
-        tuple[int, int, float], ...
-    ]  # columns of positions and of velocities, and ratio, of coordinates
-
-    def state(self, states: States) -> tuple[Floats, Floats, Floats]:
-        """Position, velocity and acceleration of the coordinate, shape (samples,)."""
-        q = np.sum([r * states.q[:, p] for p, _, r in self.ratios], axis=0)
-        qd, qdd = (
-            np.sum([r * x[:, v] for _, v, r in self.ratios], axis=0)
-            for x in (states.qd, states.qdd)
-        )
-        return q, qd, qdd
-
-
-def places(mechanism: Mechanism, q: int, qd: int) -> Iterator[Place]:
-    """Outputs that are forces of one drive or joint, for states with numbers of positions and velocities."""
-    positions = signal_names(mechanism, "q", q)
-    velocities = signal_names(mechanism, "qd", qd)
-    known = known_values(mechanism)
-    drives = {a.name: a.terms for a in mechanism.transmission.actuators}
-    for k, output in enumerate(mechanism.outputs):
-        if len(output.forces) != 1 or output.cuts:
-            continue
-        force, _ = output.forces[0]
-        ratios = {force.at: 1.0}
-        if force.side is Side.ACTUATOR:
-            ratios = {
-                n: r.at(known)
-                for n, r in drives[force.at]
-                if known.keys() >= set(r.symbols())
-            }
-        if ratios and all(n in positions and n in velocities for n in ratios):
-            yield Place(
-                k,
-                force.at,
-                tuple(
-                    (positions.index(n), velocities.index(n), r)
-                    for n, r in ratios.items()
-                ),
-            )
 
 
 def effects(mechanism: Mechanism, states: States, load: Floats) -> Iterator[Term]:
@@ -76,6 +33,46 @@ def effects(mechanism: Mechanism, states: States, load: Floats) -> Iterator[Term
         yield from _elsewhere(
             place, [other for other in found if other is not place], states
         )
+
+
+def friction_at_reversals(
+    base: BaseModel, states: States, values: Floats
+) -> Iterator[Term]:
+    """Friction in place of Coulomb friction, per unit of what this was found to be: smooth, or seen early or late."""
+    mechanism = base.mechanism
+    found = {mechanism.parameters[p]: k for k, p in enumerate(base.matrix.pivots)}
+    late: dict[tuple[int, float], list[Floats]] = {}
+    for some, column in states.reversals.items():
+        output = mechanism.outputs[some.output]
+        force, _ = output.forces[0]
+        own = [
+            e.parameter
+            for e in mechanism.effects
+            if [(a.at, a.side, a.kind) for a in e.actions]
+            == [(force.at, force.side, "coulomb")]
+        ]
+        size = sum(values[found[name]] for name in own if name in found)
+        if size <= 0:
+            continue
+        if some.late:
+            late.setdefault((some.output, abs(some.late)), []).append(size * column)
+            continue
+        unit = "rad/s" if output.unit == "N·m" else "m/s"
+        yield Term(
+            Kind.EFFECT,
+            f"slow motion, as in dry friction that is smooth within {some.width:g} {unit}",
+            force.at,
+            f"{{type: smooth_coulomb, at: {{at}}, width: {some.width:g}}}",
+            Usual.OFTEN,
+            {some.output: size * column},
+            sizes=_SMOOTH,
+            instead="coulomb",
+        )
+    for (number, delay), columns in late.items():
+        force, _ = mechanism.outputs[number].forces[0]
+        words = f"a direction that is seen {delay:g} s early or late"
+        signals = {number: np.hstack(columns)}
+        yield Term(Kind.EFFECT, words, force.at, "", Usual.EVERYWHERE, signals)
 
 
 _CONSTANT = ("nothing but a constant", "{type: offset, at: {at}}", Usual.EVERYWHERE)
@@ -132,7 +129,8 @@ def _at(place: Place, states: States, load: Floats) -> Iterator[Term]:
         velocity = f"{max(share * speed, 1e-9):.1g}"
         entry = f"{{type: stribeck, at: {{at}}, velocity: {velocity}}}"
         force: Floats = sign * np.exp(-((qd / float(velocity)) ** 2))
-        yield term(f"{words} motion, as in Stribeck friction", entry, often, force)
+        some = term(f"{words} motion, as in Stribeck friction", entry, often, force)
+        yield replace(some, sizes=(0.0, inf))
     yield term(
         "the position q", "{type: spring, at: {at}}", often, q, one, of_position=True
     )

@@ -8,13 +8,14 @@ work; so readings of the logs that change outputs alone share the filtered entri
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from echelon.base import BaseModel
+from echelon.identification.judge.reversals import Reversal, Reversals
 from echelon.identification.logs.preparation.prepare import ORDER, ROOM
 from echelon.identification.logs.recording import Samples
 from echelon.identification.rows.plan import LOOKED_AT, spread_out
@@ -67,6 +68,8 @@ class States:
     shared: Floats | None = (
         None  # shape (outputs, outputs); forces of drives in outputs, where drives move several
     )
+    # shape (samples, 1); other friction less Coulomb friction, of unit size
+    reversals: Mapping[Reversal, Floats] = field(default_factory=dict)
 
     @staticmethod
     def of(
@@ -75,11 +78,13 @@ class States:
         base: BaseModel,
         values: Floats,
         gravity: Floats | None = None,
+        reversals: Reversals | None = None,
     ) -> States:
         """Prepared samples on a clock that is no faster than their band needs, Hz, from all parts of the logs.
 
         A slow clock knows too late where dry friction turns.  So what a model with some base parameters predicts is
-        taken off on the clock of the log, and added again on the slow one.
+        taken off on the clock of the log, and added again on the slow one.  Columns of ``reversals``
+        come from there, too.
         """
 
         def left(some: Samples) -> Samples:
@@ -87,17 +92,30 @@ class States:
             return replace(some, y=some.y - _predicted(base, some, values))
 
         measured = (piece for piece in samples if piece.y is not None)
-        pieces = tuple(spread_out(measured, band, LOOKED_AT, BLOCKS, left))
+        beside = None if reversals is None else reversals.columns
+        pieces = tuple(spread_out(measured, band, LOOKED_AT, BLOCKS, left, beside))
         q, qd, qdd, rest = (
             np.concatenate([getattr(p, name) for p in pieces])
             for name in ("q", "qd", "qdd", "y")
         )
+        rest, columns = np.split(rest, [len(base.mechanism.outputs)], axis=1)
         y = rest + np.concatenate([_predicted(base, piece, values) for piece in pieces])
+        tried = [] if reversals is None else reversals.tried(pieces[0])
+        at_reversals = {some: columns[:, [k]] for k, some in enumerate(tried)}
         inputs = {
             name: np.concatenate([piece.inputs[name] for piece in pieces])
             for name in pieces[0].inputs
         }
-        return States(q, qd, qdd, y, inputs, pieces, np.ones(y.shape[1]), gravity, band)
+        scale = np.ones(y.shape[1])
+        return States(
+            q, qd, qdd, y, inputs, pieces, scale, gravity, band, reversals=at_reversals
+        )
+
+    @property
+    def unfiltered(self) -> States:
+        """The states with rows up to half of their rate, not only in the band of the fit."""
+        pieces = tuple(replace(piece, reduction=None) for piece in self.pieces)
+        return replace(self, pieces=pieces)
 
     @property
     def motion(self) -> Motion:

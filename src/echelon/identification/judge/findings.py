@@ -72,11 +72,14 @@ def _of_effect(judged: Judged, *, lists_effects: bool, taken: bool) -> Finding:
         entry.replace("{at}", f"[{', '.join(places)}]")
         for entry, places in together.items()
     ]
+    entries = ", ".join(lines)
     line = (
-        f"add {', '.join(lines)} to 'effects'"
+        f"add {entries} to 'effects'"
         if lists_effects
-        else f"write effects: [usual, {', '.join(lines)}]"
+        else f"write effects: [usual, {entries}]"
     )
+    if judged.instead:
+        line = f"write {entries} in 'effects' in place of {judged.instead} there"
     line = f"it is part of the model now; to state it, {line}" if taken else line
     rises = list(zip(judged.places, judged.before, judged.after, strict=True))
     gains = ", ".join(

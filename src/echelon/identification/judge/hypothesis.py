@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from math import inf
 
 from echelon.identification.judge.evidence import States
 from echelon.shared import Floats
@@ -71,7 +72,8 @@ class Term:
     signals: Mapping[int, Floats]  # by output, shape (samples, k): its k columns
     knob: Knob | None = None  # what to turn, where the columns are a derivative
     of_position: bool = False  # whether it is a function of the position at its place
-    positive: bool = False  # whether nothing has a negative size, as no joint has a negative compliance
+    sizes: tuple[float, float] = (-inf, inf)  # between which sizes make sense
+    instead: str = ""  # type of effect whose place it takes
 
     @property
     def width(self) -> int:

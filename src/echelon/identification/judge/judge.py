@@ -22,7 +22,7 @@ from echelon.base import BaseModel
 from echelon.identification.advantage import Advantage
 from echelon.identification.judge.changes import payloads, warming, whole_loads
 from echelon.identification.judge.delays import scanned_delays
-from echelon.identification.judge.effects import effects
+from echelon.identification.judge.effects import effects, friction_at_reversals
 from echelon.identification.judge.evidence import (
     Evidence,
     OutputRows,
@@ -72,6 +72,8 @@ _NEW = 1e-4  # least share of a column that the model cannot say already
 _PROGRAMMES = 16  # physical programmes that are solved at most
 _LARGEST = 120  # base parameters beyond which physics is not asked: programmes of that size take seconds
 _ALTERNATIVES = 2  # readings that are named together, because nothing tells them apart
+_BESIDE_LATE = 2.0
+"""Standard errors by which smooth friction is better than friction that is seen late: few are tried."""
 _FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
 _UNITS = (1e-3, 1e3)  # rates by that taken, where ms and s were confused
 _RATES = (*np.geomspace(0.1, 10, 31), *_UNITS)  # that are tried first
@@ -100,6 +102,7 @@ class Judged:
     delays: Mapping[str, float] = field(
         default_factory=dict
     )  # by output, s: all of them, where it finds some
+    instead: str = ""  # type of effect whose place it takes
     alternatives: tuple[str, ...] = ()  # words of others that data do not tell from it
     taken: bool = True
 
@@ -129,6 +132,7 @@ class Judge:
     states: States
     readings: Readings
     doubtful: bool = True  # whether other readings are tried, each of which may take a physical programme
+    only_reversals: bool = False  # whether nothing but friction at reversals is tried
     prior: Floats | None = (
         None  # base parameters that decide between readings that do alike
     )
@@ -163,6 +167,10 @@ class Judge:
 
     def run(self) -> list[Judged]:
         """Hypotheses that are taken, in their order; :attr:`told` has others beside them."""
+        if self.only_reversals:
+            smooth = self._at_reversals()
+            self.told = [] if smooth is None else [smooth.judged]
+            return list(self.told)
         taken: list[_Candidate] = []
         others: list[list[Judged]] = []
         while len(taken) < _ROUNDS:
@@ -178,6 +186,9 @@ class Judge:
                 return [
                     large[0]
                 ]  # what is left then is judged when the set-up is mended
+            if not taken and _may_be_friction(small):
+                smooth = self._at_reversals()
+                small = small if smooth is None else smooth
             if small is None:
                 break
             if small.judged.kind in CONTINUOUS:
@@ -263,6 +274,48 @@ class Judge:
                 else chosen
             )
         return _of_position(_pruned(chosen), alike), sure
+
+    def _at_reversals(self) -> _Candidate | None:
+        """Smooth friction in place of Coulomb friction, unless friction that is seen late explains as much.
+
+        The rows reach beyond the band of the fit, in which reversals hardly show.
+        """
+        if not self.states.reversals or self.states.drives is not None:
+            return None
+        states = self.states.unfiltered
+        rows = list(self.evidence.rows(states))
+        products = self.evidence.products(states)
+        fit = fitted(products)
+        held = HeldOut(products, fit.noise)
+        tried = friction_at_reversals(self.base, states, fit.values)
+        trials = []
+        for terms in _grouped(list(tried)):
+            signals = [term.signals for term in terms]
+            trials.append(_Trial(terms, held, Beside(held, rows, states, signals)))
+        found = [
+            candidate
+            for trial in trials
+            if trial.terms[0].instead
+            and (candidate := trial.candidate(trial.columns)) is not None
+            and candidate.judged.gain.ratio > _SURE
+        ]
+        if not found:
+            return None
+        best = max(found, key=lambda some: some.judged.gain.mean)
+        for trial in trials:
+            if trial.terms[0].instead:
+                continue
+            columns = [
+                column
+                for term, some in trial.columns.items()
+                if trial.terms[term].place in best.judged.places
+                for column in some
+            ]
+            late = trial.beside.squares(columns)
+            gain = Advantage.of(late, best.left, _floor(products))
+            if gain.is_none or gain.ratio < _BESIDE_LATE:
+                return None
+        return best
 
     def _unlike_prior(self, some: _Candidate, model: Products) -> float:
         """Spread of the ratios of outputs to what the prior predicts, in logarithms, once gains are taken off."""
@@ -410,8 +463,11 @@ class Judge:
         return True
 
     def _keeps(self, some: _Candidate) -> bool:
-        """Gives up the columns of a hypothesis, unless it explains what those that were taken after it leave."""
-        if some.terms[0].knob is not None:
+        """Gives up the columns of a hypothesis, unless it explains what those that were taken after it leave.
+
+        Smooth friction stays, since it shows beyond the band.
+        """
+        if some.terms[0].knob is not None or some.terms[0].instead:
             return True
         others = [
             term for term in self.terms if all(term is not mine for mine in some.terms)
@@ -741,7 +797,9 @@ class _Trial:
         return kept or chosen
 
     def _can_be(self, term: Term, columns: list[int]) -> bool:
-        return not term.positive or bool((self.beside.sizes(columns) > 0).all())
+        low, high = term.sizes
+        sizes = self.beside.sizes(columns)
+        return bool(((low < sizes) & (sizes < high)).all())
 
     def _is_worth(self, term: Term, before: Floats, after: Floats) -> bool:
         least = _WORTH * (_RARER if term.usual is Usual.RARELY else 1.0)
@@ -788,7 +846,16 @@ def _judged(
         entries,
         old,
         new,
+        instead=first.instead,
     )
+
+
+def _may_be_friction(small: _Candidate | None) -> bool:
+    """Whether residuals may be of smooth friction: they follow nothing in the band, or an effect of few robots."""
+    if small is None:
+        return True
+    judged = small.judged
+    return judged.kind is Kind.EFFECT and judged.usual is not Usual.EVERYWHERE
 
 
 def _pruned(chosen: _Candidate) -> _Candidate:

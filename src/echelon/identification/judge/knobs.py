@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
 from echelon.base import BaseModel
 from echelon.formats import slides
-from echelon.identification.judge.effects import Place, places
 from echelon.identification.judge.evidence import States, of_bodies
 from echelon.identification.judge.hypothesis import Kind, Knob, Term, Usual
+from echelon.identification.judge.places import Place, places
 from echelon.identification.judge.readings import Readings
 from echelon.shared import Floats
 
@@ -32,9 +33,9 @@ def turned(readings: Readings, states: States, values: Floats) -> Iterator[Term]
     ) -> Term:
         load = load_of(base, states, values, knob)
         signals = slopes(base, states, values, knob, np.zeros(knob.count), load)
-        return Term(
-            kind, words, place, "", usual, signals, knob, positive=kind is Kind.JOINT
-        )
+        # no joint has a negative compliance
+        sizes = (0.0, inf) if kind is Kind.JOINT else (-inf, inf)
+        return Term(kind, words, place, "", usual, signals, knob, sizes=sizes)
 
     if states.gravity is not None:
         yield term(

@@ -33,7 +33,7 @@ from echelon.identification.rows.rows import ModelRows
 from echelon.identification.rows.travels import Travel
 from echelon.identification.signals.clock import low_passed
 from echelon.identification.signals.filters import reduction
-from echelon.shared import Flags, InputError
+from echelon.shared import Flags, Floats, InputError
 
 
 def split(samples: Samples, share: float) -> tuple[Samples, Samples]:
@@ -75,17 +75,23 @@ def spread_out(
     count: int,
     parts: int,
     seen: Callable[[Samples], Samples] = lambda some: some,
+    beside: Callable[[Samples, int], Floats] | None = None,
 ) -> list[Samples]:
     """About ``count`` samples from all parts of some stretches, on clocks no faster than a band needs, Hz.
 
     All of them if they are fewer; else windows that are ``count / parts`` long, evenly spaced in time.  What is
-    looked at of samples on the clock of the log is what ``seen`` makes of them.
+    looked at of samples on the clock of the log is what ``seen`` makes of them.  ``beside`` makes further columns of y,
+    of one in a number of samples.
     """
     kept: list[Samples] = []
     length, every, number = count // parts, 0, 0  # no windows yet
     for stretch in samples:
         factor = max(1, int(stretch.rate / (SAMPLED * band)))
         slow = _slower(seen(stretch), factor, band)
+        if beside is not None:
+            assert slow.y is not None
+            columns = beside(stretch, factor)
+            slow = replace(slow, y=np.hstack([slow.y, columns]))
         if every == 0 and sum(map(len, kept)) + len(slow) <= count:
             kept.append(slow)
             continue
