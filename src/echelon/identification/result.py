@@ -187,7 +187,7 @@ class Identification:
 
     @property
     def travels(self) -> tuple[Travel, ...]:
-        """How far and how fast coordinates went in the fitted data; elsewhere the model extrapolates."""
+        """Ranges, speeds and accelerations of all coordinates in the fitted data; elsewhere the model extrapolates."""
         return self.pooled[0].travels
 
     @property

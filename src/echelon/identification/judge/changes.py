@@ -166,7 +166,7 @@ def warming(base: BaseModel, states: States) -> Iterator[Term]:
         words = f"friction falls as drives warm up, within about {constant:.2g} s"
         write = "begin when the drives are warm, or map a temperature under 'input' and add temperature_friction"
         for place in places(base.mechanism, states.q.shape[1], states.qd.shape[1]):
-            _, qd, _ = place.state(states)
+            _, qd, _ = place.state(states.motion)
             forces = np.stack([decay * qd, decay * np.sign(qd)], axis=1)
             yield Term(
                 Kind.CHANGE,

@@ -88,7 +88,7 @@ def _zeros(mechanism: Mechanism, states: States) -> Iterator[Term]:
 
 
 def _at(place: Place, states: States, load: Floats) -> Iterator[Term]:
-    q, qd, qdd = place.state(states)
+    q, qd, qdd = place.state(states.motion)
     sign, one = np.sign(qd), np.ones(len(q))
 
     def term(
@@ -190,7 +190,7 @@ def _stops(place: Place, q: Floats) -> Iterator[Term]:
 
 def _elsewhere(place: Place, others: Sequence[Place], states: States) -> Iterator[Term]:
     for other in others:
-        _, qd, qdd = other.state(states)
+        _, qd, qdd = other.state(states.motion)
         for term, force in (
             ("qd[{}]", qd),
             ("sign(qd[{}])", np.sign(qd)),

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from echelon.base import BaseModel
+from echelon.identification.judge.places import Motion
 from echelon.identification.judge.reversals import Reversal, Reversals
 from echelon.identification.logs.preparation.prepare import ORDER, ROOM
 from echelon.identification.logs.recording import Samples
@@ -40,8 +41,6 @@ _OF_MOTION = (
 )  # what the regressor of states depends on
 
 GRAVITY = ("gx", "gy", "gz")
-Motion = tuple[Floats, Floats, Floats]
-"""Positions, velocities and accelerations, shape (samples, …)."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -12,24 +11,8 @@ from echelon.identification.logs.columns.column_map import signal_names
 from echelon.robot import Mechanism, Side, known_values
 from echelon.shared import Floats
 
-
-class Moved(Protocol):
-    """Samples of a motion: positions, velocities and accelerations, shape (samples, …)."""
-
-    @property
-    def q(self) -> Floats:
-        """Positions."""
-        ...
-
-    @property
-    def qd(self) -> Floats:
-        """Velocities."""
-        ...
-
-    @property
-    def qdd(self) -> Floats:
-        """Accelerations."""
-        ...
+Motion = tuple[Floats, Floats, Floats]
+"""Positions, velocities and accelerations, each of shape (samples, …)."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +25,12 @@ class Place:
         tuple[int, int, float], ...
     ]  # columns of positions and of velocities, and ratio, of coordinates
 
-    def state(self, states: Moved) -> tuple[Floats, Floats, Floats]:
-        """Position, velocity and acceleration of the coordinate, shape (samples,)."""
-        q = np.sum([r * states.q[:, p] for p, _, r in self.ratios], axis=0)
+    def state(self, motion: Motion) -> Motion:
+        """Position, velocity and acceleration of the coordinate, each of shape (samples,)."""
+        positions, *rates = motion
+        q = np.sum([r * positions[:, p] for p, _, r in self.ratios], axis=0)
         qd, qdd = (
-            np.sum([r * x[:, v] for _, v, r in self.ratios], axis=0)
-            for x in (states.qd, states.qdd)
+            np.sum([r * x[:, v] for _, v, r in self.ratios], axis=0) for x in rates
         )
         return q, qd, qdd
 

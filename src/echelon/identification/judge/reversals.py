@@ -72,7 +72,8 @@ class Reversals:
             return friction if factor == 1 else low_passed(friction, 1 / factor)
 
         speeds = {
-            place.output: place.state(samples)[1] for place in self._places(samples)
+            place.output: place.state(samples.motion)[1]
+            for place in self._places(samples)
         }
         coulomb = {output: slowed(np.sign(qd)) for output, qd in speeds.items()}
         tried = self.tried(samples)
