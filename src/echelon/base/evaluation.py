@@ -17,7 +17,7 @@ from echelon.algebra import Function
 from echelon.base.low_pass import low_pass
 from echelon.base.matrix import BaseMatrix
 from echelon.dynamics import ALL_FUNCTIONS, geometry_values, robot_function
-from echelon.robot import Mechanism
+from echelon.robot import Mechanism, refuse_contacts
 from echelon.shared import Floats, InputError, extra, public
 
 if TYPE_CHECKING:
@@ -671,8 +671,9 @@ class Evaluation(ABC):
     def _observer(self) -> Observer:
         from echelon.compute import Observer
 
-        self.mechanism.refuse_contacts(
-            "rows of logs hold the unknown forces at contacts: multiply them by without_contact_forces first"
+        refuse_contacts(
+            self.mechanism,
+            "rows of logs hold the unknown forces at contacts: multiply them by without_contact_forces first",
         )
         return Observer(self.function("regressor"))
 

@@ -41,6 +41,7 @@ from echelon.robot import (
     experiment_of,
     joined,
     mechanism_of,
+    refuse_contacts,
 )
 from echelon.shared import (
     ClosedFormError,
@@ -220,9 +221,10 @@ def _candidates(mechanism: Mechanism) -> dict[str, LinearForms]:
     """Rows of every sensor, or of every experiment; columns are those of the mechanism."""
     if mechanism.experiments:
         return {name: _rows_of(mechanism, name) for name in mechanism.experiments}
-    mechanism.refuse_contacts(
+    refuse_contacts(
+        mechanism,
         "with unknown forces, several sensors together see more than the sum of each: derive each choice of "
-        "outputs instead, as experiments with other sensors"
+        "outputs instead, as experiments with other sensors",
     )
     outputs = list(mechanism.outputs)
     if mechanism.measured is None:

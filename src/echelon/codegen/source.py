@@ -29,7 +29,7 @@ from echelon.codegen.language import (
 )
 from echelon.codegen.views import LANES, FunctionView, view
 from echelon.dynamics import ALL_FUNCTIONS
-from echelon.robot import Mechanism, Readable
+from echelon.robot import Mechanism, Readable, refuse_contacts
 from echelon.shared import InputError, __version__, one_line, public
 
 if TYPE_CHECKING:
@@ -359,7 +359,7 @@ def _check_online(base: BaseModel, language: Language) -> None:
             f"{ONLINE} is not written in {language.name} (valid targets: {able}); in Python use echelon.online"
         )
     problem = f"{ONLINE} needs outputs without the unknown forces at contacts"
-    base.mechanism.refuse_contacts(problem)
+    refuse_contacts(base.mechanism, problem)
 
 
 def _named(

@@ -35,7 +35,7 @@ from echelon.dynamics.control import ControlOutputs
 from echelon.dynamics.linear_forms import inverse_dynamics_regressor
 from echelon.dynamics.loop_rows import dependent_motion
 from echelon.dynamics.outputs import RecordedOutputs
-from echelon.robot import Array, Mechanism
+from echelon.robot import Array, Mechanism, refuse_contacts
 from echelon.shared import InputError
 
 if TYPE_CHECKING:
@@ -482,8 +482,9 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
             f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})"
         )
     if name not in WITH_CONTACTS:
-        mechanism.refuse_contacts(
+        refuse_contacts(
+            mechanism,
             f"{name} needs all that moves, and base parameters of a robot with contacts exclude the effect of "
-            f"unknown forces: ask for {' and '.join(WITH_CONTACTS)}, or leave the contacts out"
+            f"unknown forces: ask for {' and '.join(WITH_CONTACTS)}, or leave the contacts out",
         )
     return ALL_FUNCTIONS[name](mechanism, pivots)

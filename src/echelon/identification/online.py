@@ -46,7 +46,7 @@ from echelon.identification.estimators.least_squares import (
 )
 from echelon.identification.physics.feasibility import checked_values, information_root
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
-from echelon.robot import Mechanism, Readable
+from echelon.robot import Mechanism, Readable, refuse_contacts
 from echelon.shared import Floats, InputError, public
 
 Factors = tuple[Floats, ...]  # the R-factor of each output's rows of [W y]
@@ -106,8 +106,9 @@ def online(
         raise InputError(
             f"forgetting is {forgetting}; expected a number above 0 and up to 1, such as 0.999"
         )
-    base.mechanism.refuse_contacts(
-        "outputs hold the unknown forces at contacts: estimate online without them"
+    refuse_contacts(
+        base.mechanism,
+        "outputs hold the unknown forces at contacts: estimate online without them",
     )
     if (prior is None) != (covariance is None):
         raise InputError("give both a prior and its covariance, or neither")

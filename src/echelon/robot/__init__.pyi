@@ -88,6 +88,7 @@ from echelon.robot.mechanism import Output as Output
 from echelon.robot.mechanism import Parameter as Parameter
 from echelon.robot.mechanism import Reading as Reading
 from echelon.robot.mechanism import Snap as Snap
+from echelon.robot.mechanism import refuse_contacts as refuse_contacts
 from echelon.robot.mechanism import setup_placements as setup_placements
 from echelon.robot.mechanism import setup_ratios as setup_ratios
 from echelon.robot.motor_side import transmission_matrix as transmission_matrix

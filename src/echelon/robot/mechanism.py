@@ -305,25 +305,6 @@ class Mechanism:
         """Names of the velocity coordinates that no coupling makes dependent, the columns of ``qd`` and ``qdd``."""
         return tuple(name for motion in self.free_motions for name in motion.velocities)
 
-    def refuse_contacts(self, problem: str, source: str | None = None) -> None:
-        """Refuse a robot at whose contacts unmeasured forces act.
-
-        Parameters
-        ----------
-        problem : str
-            Why it is refused, and what would be possible.
-        source : str, optional
-            The file that states the contacts.
-
-        Raises
-        ------
-        InputError
-            If the robot has contacts; names the first one.
-        """
-        if self.contacts:
-            where = f"contact '{self.contacts[0].name}'"
-            raise InputError(problem, source=source, element=where)
-
     @cached_property
     def floating_joints(self) -> tuple[Joint, ...]:
         """Joints of floating bases, which have neither drives nor friction."""
@@ -694,10 +675,20 @@ def _check_closures(mechanism: Mechanism) -> None:
             )
 
 
+def refuse_contacts(
+    mechanism: Mechanism, problem: str, source: str | None = None
+) -> None:
+    """Refuse a robot at whose contacts unmeasured forces act, by a sentence that says why and what is possible."""
+    if mechanism.contacts:
+        where = f"contact '{mechanism.contacts[0].name}'"
+        raise InputError(problem, source=source, element=where)
+
+
 def _check_contacts(mechanism: Mechanism) -> None:
     if mechanism.closures:
-        mechanism.refuse_contacts(
-            "a robot with loops cannot have contacts with unknown forces: state them as loops to the ground"
+        refuse_contacts(
+            mechanism,
+            "a robot with loops cannot have contacts with unknown forces: state them as loops to the ground",
         )
     names = [contact.name for contact in mechanism.contacts]
     for contact in mechanism.contacts:
