@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from math import nan, pi
 from pathlib import Path
 
@@ -104,15 +105,22 @@ def test_the_command_says_it(tmp_path: Path, model: Path) -> None:
     assert [some["kind"] for some in record["findings"]] == ["beyond", "beyond"]
 
 
-def test_a_file_without_travels_says_that_nothing_is_known(
-    tmp_path: Path, model: Path
-) -> None:
+def test_a_file_without_travels_is_refused(tmp_path: Path, model: Path) -> None:
     document = json.loads(model.read_text())
     del document["travels"]
-    older = tmp_path / "older.json"
-    older.write_text(json.dumps(document))
-    (text,) = told(older, write(swinging(fast=2.5), tmp_path / "log.csv"))
-    assert "is not known" in text
+    (tmp_path / "model.json").write_text(json.dumps(document))
+    with pytest.raises(ec.InputError, match="travels"):
+        ec.load_identified(tmp_path / "model.json")
+
+
+def test_a_plan_without_travels_says_that_nothing_is_known(
+    tmp_path: Path, model: Path
+) -> None:
+    loaded = ec.load_identified(model)
+    log = write(swinging(fast=2.5), tmp_path / "log.csv")
+    found = ec.predict_log(replace(loaded.plan, travels=None), loaded.values, log)
+    (finding,) = found.findings
+    assert "are not named" in finding.text
 
 
 def travel(name: str, low: float, high: float, rate: float = 1.0) -> Travel:

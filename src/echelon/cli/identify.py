@@ -198,7 +198,7 @@ def run_predict(
     if ends:
         text += f"; {ends} are near the ends of stretches, where filters and derivatives lack neighbours"
     if faulty := len(found.time) - known - ends:
-        text += f"; {faulty} are faulty or in gaps"
+        text += f"; faulty or in gaps: {faulty}"
     show(text)
     if output is not None:
         show(f"wrote {output.path}")

@@ -28,8 +28,8 @@ BEYOND = 2.0
 the same limits do, and forces that grow with the square of the speed are four times as large."""
 
 UNKNOWN = (
-    "how far and how fast the robot went while the model was fitted is not known, so that nothing is said about "
-    "motions beyond: its file is of an older version, which  echelon identify  would write anew"
+    "motions beyond the fitted ones are not named, because the plan does not hold them: predict with the plan of a "
+    "saved model"
 )
 
 

@@ -67,8 +67,7 @@ class IdentifiedModel:
     columns: tuple[ColumnMap, ...]
     preparation: Preparation
     document: Mapping[str, Any]  # all that the file says
-    # what it was fitted to; None in files of older versions
-    travels: tuple[Travel, ...] | None = None
+    travels: tuple[Travel, ...]  # what it was fitted to
 
     @property
     def plan(self) -> LogPlan:
@@ -131,9 +130,7 @@ def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
     return IdentifiedModel(base, values, columns, record.preparation, document, travels)
 
 
-def _travels(records: Sequence[TravelRecord] | None) -> tuple[Travel, ...] | None:
-    if records is None:
-        return None
+def _travels(records: Sequence[TravelRecord]) -> tuple[Travel, ...]:
     return tuple(
         Travel(
             some.coordinate,

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from echelon.base import BaseModelRecord, Value
 from echelon.identification.logs.columns.column_map import ColumnMap
 from echelon.identification.logs.preparation.prepare import Preparation
-from echelon.shared import Record, Values, optional, required
+from echelon.shared import Record, Values, required
 
 
 class ParameterRecord(Record):
@@ -205,9 +205,8 @@ class IdentifiedRecord(Record):
         "Base parameters that predictions use, SI units."
     )
     ranges: list[RangeRecord] = required("Rows that every output was fitted to.")
-    travels: list[TravelRecord] | None = optional(
-        None,
-        "How far and how fast coordinates went in the fitted data; null in files of older versions.",
+    travels: list[TravelRecord] = required(
+        "How far and how fast coordinates went in the fitted data."
     )
     estimate: EstimateRecord
     essential: EstimateRecord | None
