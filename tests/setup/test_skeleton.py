@@ -503,6 +503,11 @@ def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
         ("robot: arm.urdf  # ours", "robot: ../arm.urdf  # ours"),
         ("robot: {file: 'arm.urdf'}", "robot: {file: '../arm.urdf'}"),
         ("robot:\n  file: arm.urdf", "robot:\n  file: ../arm.urdf"),
+        ("robot:\n  arm.urdf", "robot:\n  ../arm.urdf"),
+        (
+            "identification: {prior: {file: arm.urdf}}\nrobot: arm.urdf",
+            "identification: {prior: {file: ../arm.urdf}}\nrobot: ../arm.urdf",
+        ),
     ],
 )
 def test_a_section_in_another_folder_names_the_robot_from_there(
@@ -521,7 +526,8 @@ def test_a_section_in_another_folder_names_the_robot_from_there(
     made = skeleton(description, [tmp_path / "log.csv"], folder)
     assert moved in made.text
     (folder / "setup.yaml").write_text(made.text)
-    assert ec.load_setup(folder / "setup.yaml").columns is not None
+    (columns,) = ec.load_setup(folder / "setup.yaml").columns
+    assert {channel.column for channel in columns.outputs.values()} == {"tau1", "tau2"}
 
 
 def test_rates_come_from_velocities_or_coarse_stamps(

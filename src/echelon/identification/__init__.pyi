@@ -3,6 +3,7 @@
 from echelon.identification.cluster import connect as connect
 from echelon.identification.estimators.estimate import CLEAR as CLEAR
 from echelon.identification.estimators.estimate import Estimate as Estimate
+from echelon.identification.fit_findings import all_usable as all_usable
 from echelon.identification.fit_findings import limited as limited
 from echelon.identification.identifying import identify as identify
 from echelon.identification.judge.judge import Judged as Judged

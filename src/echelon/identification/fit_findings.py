@@ -84,13 +84,17 @@ def fit_findings(
     validations: Sequence[Validation],
 ) -> list[Finding]:
     """Findings about a fit: its scores, its conditioning, and physics."""
-    grades = [grade(score) for some in validations for score in some.scores]
-    fits_well = all(some is None or some >= Grade.USABLE for some in grades)
     return [
         *_of_scores(validations),
         *_of_estimate(estimate, seen),
-        *_of_physics(feasible, physical, estimate, fits_well=fits_well),
+        *_of_physics(feasible, physical, estimate, fits_well=all_usable(validations)),
     ]
+
+
+def all_usable(validations: Iterable[Validation]) -> bool:
+    """Whether all scores are usable, so that what is left of physics may be noise."""
+    grades = [grade(score) for some in validations for score in some.scores]
+    return all(some is None or some >= Grade.USABLE for some in grades)
 
 
 def limited(findings: Iterable[Finding], most: int = 12) -> tuple[Finding, ...]:
@@ -175,7 +179,7 @@ def _of_physics(
             )
             yield warning("feasibility", "", text)
         else:
-            why = ", as expected from noise" * fits_well
+            why = ", as expected from noise" if fits_well else ""
             text = f"the estimate is slightly unphysical ({away}){why}"
             yield note("feasibility", "", text)
     rows = max(sum(estimate.rows), 1)

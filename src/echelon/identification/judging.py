@@ -115,6 +115,9 @@ def judged_fit(
             judgements.taken.extend(_in(name, some) for some in found)
             judgements.told.extend(_in(name, some) for some in judge.told)
             judgements.untested.extend(_of(name, some) for some in judge.untested)
+        if is_asked:
+            beside = ["friction at reversals", "axes of force/torque sensors"]
+            judgements.untested.extend(beside if frames else beside[:1])
         return judgements
     base = data.plan.base
     guess = None if prior is None else prior.base_values(base)

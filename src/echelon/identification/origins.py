@@ -9,6 +9,7 @@ import numpy as np
 
 from echelon.base import Identifiability
 from echelon.identification.result import Identification
+from echelon.shared import Floats
 
 if TYPE_CHECKING:
     from echelon.robot import Mechanism
@@ -32,8 +33,10 @@ def inertia_origins(result: Identification) -> str:
         origin: [] for origin in (BY_DATA, IN_PART, BY_FILE, BY_PRIOR)
     }
     robot = result.robot
+    determined = result.conditioning.independent_share > 0
+    rows = result.base.B_float()[determined]
     for carrier in robot.carriers:
-        origin = _origin(result, robot, carrier)
+        origin = _origin(result, robot, carrier, rows)
         sorted_bodies[origin].append(f"'{robot.bodies[carrier].name}'")
     parts = [
         f"{origin.format(rest)}: {', '.join(names)}"
@@ -43,11 +46,13 @@ def inertia_origins(result: Identification) -> str:
     return f"inertias {'; '.join(parts)}" if parts else ""
 
 
-def _origin(result: Identification, robot: Mechanism, carrier: int) -> str:
+def _origin(
+    result: Identification, robot: Mechanism, carrier: int, determined: Floats
+) -> str:
+    """Origin of the inertias of a body, by the rows of B that the data determine."""
     names = [p.name for p in robot.columns if p.body == carrier]
     columns = [result.base.parameters.index(name) for name in names]
-    determined = result.conditioning.independent_share > 0
-    rows = result.base.B_float()[determined][:, columns]
+    rows = determined[:, columns]
     kinds = [result.base.classification[name] for name in names]
     if not rows.any() or all(kind is Identifiability.UNIDENTIFIABLE for kind in kinds):
         return BY_FILE if _is_stated(result, robot, carrier, names) else BY_PRIOR

@@ -21,6 +21,7 @@ from echelon.identification import (
     Preparation,
     Score,
     Severity,
+    all_usable,
 )
 from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
@@ -502,7 +503,7 @@ def physics(run: Identification) -> Context:
     return {
         "feasibility": feasibility,
         "is_noise": feasibility is not None and not feasibility.is_beyond(CLEAR),
-        "is_trusted": not run.reasons,
+        "fits_well": all_usable(run.validations),
         "physical": fit,
         "moved": [] if feasibility is None else _moved(run, feasibility),
         "bodies": [] if fit is None else _bodies(run.base.mechanism, fit),

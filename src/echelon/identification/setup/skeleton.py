@@ -329,19 +329,26 @@ def _seen_from(folder: Path, file: Path) -> str:
 
 
 def _moved(file: RobotFile, folder: Path) -> str:
-    """The text of a description, whose robot file is named as from another folder."""
-    text, stated = file.data.decode(), file.document.data.get("robot")
-    path = stated.get("file") if isinstance(stated, dict) else stated
-    if not isinstance(path, str) or os.path.isabs(path):
-        return text
-    robot = Path(file.source).parent / path
-    there = _seen_from(folder, robot)
-    if not robot.is_file() or there == os.path.normpath(path):
-        return text
-    name = re.compile(
-        rf"""^((?:robot| +file):.*?["']?){re.escape(path)}\b""", re.MULTILINE
-    )
-    return name.sub(lambda found: found[1] + there, text, count=1)
+    """The text of a description, with the paths of files that it names as seen from another folder."""
+    text, home = file.data.decode(), Path(file.source).parent
+    # a longer path may end in a shorter one
+    for path in sorted(_named_files(file.document.data, home), key=len, reverse=True):
+        there = _seen_from(folder, home / path)
+        whole = rf"(?<![\w./\\-]){re.escape(path)}(?![\w./\\-])"
+        if there != os.path.normpath(path):
+            text = re.sub(whole, there.replace("\\", "/"), text)
+    return text
+
+
+def _named_files(data: object, home: Path) -> set[str]:
+    """Relative paths in a document at which there is a file."""
+    if isinstance(data, Mapping):
+        data = list(data.values())
+    if isinstance(data, list | tuple):
+        return set[str]().union(*(_named_files(entry, home) for entry in data))
+    if not isinstance(data, str) or not Path(data).suffix or os.path.isabs(data):
+        return set()
+    return {data} if os.path.isfile(home / data) else set()
 
 
 def _locked_lines(found: Understood) -> list[str]:

@@ -29,6 +29,12 @@ _SMOOTH = 3.0
 """Ratio of velocities to what is white in them, from which on they are motion and no noise."""
 
 
+def span(values: Floats) -> float:
+    """Range of the values that are finite; 0 without any."""
+    known = values[np.isfinite(values)]
+    return float(np.ptp(known)) if len(known) else 0.0
+
+
 def check_locked(table: Table, every: Mapping[str, Locked]) -> tuple[Finding, ...]:
     """Refuse a log in which a locked joint moves, or stands elsewhere; of columns that nobody stated, a finding."""
     found = []
@@ -81,7 +87,7 @@ def _of_velocity(name: str, locked: Locked, channel: Channel, table: Table) -> s
         return ""
     fastest = float(np.quantile(np.abs(speeds), 1 - _FAULTS))
     return (
-        f"the robot has '{name}' locked at {locked.at:.6g}, but in the log it moves at up to {fastest:.3g} /s: leave it "
+        f"the robot has '{name}' locked at {locked.at:.6g}, but in the log it moves at up to {fastest:.3g} rad/s or m/s: leave it "
         "out of  locked  and log its position, or take logs in which it rests"
     )
 

@@ -35,8 +35,8 @@ from echelon.identification.logs.columns.magnitudes import (
     fitting_units,
     is_period,
 )
-from echelon.identification.logs.faults.locked_joints import STILL
-from echelon.identification.logs.files.log_file import LogFile, Table
+from echelon.identification.logs.faults.locked_joints import STILL, span
+from echelon.identification.logs.files.log_file import LogFile
 from echelon.identification.logs.finding import Finding, listed, warning
 from echelon.identification.logs.recording import Recording
 from echelon.identification.logs.units import factor
@@ -88,11 +88,13 @@ def surplus_columns(
         return ()
     question = "is it a log of another robot?"
     if len(more) <= locked:
-        table = next(log.tables(more), Table(log.source, {}))
+        table = next(log.tables(more), None)
+        if table is None:
+            return ()
         size = max(
             abs(c.scale) * factor(c.unit, None) for c in columns.positions.values()
         )
-        more = [n for n in more if size * np.ptp(table.columns[n]) > STILL]
+        more = [n for n in more if size * span(table.columns[n]) > STILL]
         question = "they move: are they positions of joints that the robot has locked or fixed? If so, name them under  position"
     if not more:
         return ()
