@@ -145,6 +145,13 @@ def test_text_without_rows_is_refused(tmp_path: Path) -> None:
         ec.audit(base(RX90_FILE), file)
 
 
+def test_ignored_rows_beside_remarks_are_the_reason(tmp_path: Path) -> None:
+    file = tmp_path / "table.txt"
+    file.write_text("What the paper says.\nXY2\n")
+    with pytest.raises(ec.InputError, match="every row is ignored"):
+        ec.audit(base(RX90_FILE), file, ignore=["XY2"])
+
+
 def test_names_that_are_formulas_of_others() -> None:
     notation = Notation(["M_a-M1", "M1", "M_a", "M_left arm"], ["e3", "D3", "D_3"])
     assert notation.plain("2 M_left arm + M1") == (

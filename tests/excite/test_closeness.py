@@ -37,6 +37,10 @@ excitation:
       - {name: mast, sphere: 0.1, at: [0, 0, 0.5]}
       - {name: tower, sphere: 0.1, at: [0, 0, 9]}
 """
+FLOATING = """<robot name="arm"><link name="base"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0"
+ixz="0" iyz="0"/></inertial></link><link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0"
+ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="base"/><child link="a"/>
+<origin xyz="0 0 -0.5"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="2" effort="9"/></joint></robot>"""
 START, SWING = np.array([1.2, 0.4]), np.array([0.2, -0.3])
 DURATION = 4.0
 
@@ -154,3 +158,17 @@ def test_room_below_the_base_is_named(
         assert text.startswith(f"the origin of 'j2' comes down to {below:.3g} m below")
         assert text.endswith("beside the obstacles 'post', 'mast', 'tower'?")
         assert " ".join(text[1:].split()) in Page(preview_html(found)).words
+
+
+def test_a_robot_that_floats_has_no_room_to_keep(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(FLOATING)
+    setup = tmp_path / "arm.yaml"
+    setup.write_text(
+        "echelon: 1\nname: arm\nrobot: arm.urdf\nfloating_base: true\nexcitation: {limits: {velocity: 1}}\n"
+    )
+    run = Trajectory(
+        ("j",), ("rad",), Fourier(DURATION, 1), np.array([[0.5], [0.3], [0.0]])
+    )
+    found = ec.judged_trajectory(ec.load_setup(setup), run)
+    assert found.held
+    assert [f for f in found.findings if f.kind == "room"] == []

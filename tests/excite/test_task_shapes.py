@@ -99,7 +99,11 @@ def test_shapes_of_the_set_up_stand_for_meshes_by_body_or_link(tmp_path: Path) -
         "{body: base_link, sphere: 0.05, at: [0, 0, -0.3]}",
         "{body: upper, capsule: 0.05, from: [0, 0, 0], to: [0.4, 0, 0]}",
         "{body: flange, sphere: 0.05, at: [0, 0.1, 0]}",
+        "{body: fore, sphere: 0.05, at: [0.2, 0, 0]}",
     )
+    file = arm(tmp_path, f"shapes: [{', '.join(shapes[:3])}]")
+    with pytest.raises(ec.InputError, match="add shapes of fore under collisions"):
+        task(file)
     file = arm(tmp_path, f"shapes: [{', '.join(shapes)}]")
     found = task(file)
     assert texts(found) == [
@@ -135,6 +139,16 @@ def test_boxes_that_are_no_links_are_doubted(tmp_path: Path) -> None:
     )
     assert "'upper'" not in doubts
     assert lost.startswith("warning: 1 of 4 links has no shape")
+
+
+def test_boxes_are_told_only_where_there_are_some(tmp_path: Path) -> None:
+    shapes = ", ".join(f"{{body: {name}, sphere: 0.05}}" for name in ("upper", "fore"))
+    (text,) = [
+        some
+        for some in texts(task(arm(tmp_path, f"unreadable: boxes, shapes: [{shapes}]")))
+        if some.startswith("warning")
+    ]
+    assert text.startswith("warning: 1 of 4 links has no shape")
 
 
 def test_boxes_of_stock_robots_that_are_doubted() -> None:

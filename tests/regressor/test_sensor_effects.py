@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -201,3 +202,13 @@ def test_a_name_of_a_joint_and_a_sensor_is_not_guessed() -> None:
     assert len(robot(text + "effects: {viscous: j3}").effects) == 1
     with pytest.raises(ec.InputError, match="no coordinate 'outputs'"):
         robot(ARM + "effects: {offset: outputs}")
+
+
+def test_a_sensor_without_joints_has_no_state_to_name(tmp_path: Path) -> None:
+    file = tmp_path / "post.yaml"
+    file.write_text(
+        "echelon: 1\nname: post\nbodies: [{name: a, joint: {type: fixed}, separate: true}]\n"
+        "outputs: [{wrench: a}]\neffects: [{parameter: P, unit: N, acts: [{at: a.fx, term: qd}]}]\n"
+    )
+    with pytest.raises(ec.InputError, match=r"name a joint or an actuator$"):
+        ec.load(file)

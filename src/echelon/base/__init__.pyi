@@ -26,7 +26,6 @@ from echelon.base.kinematic_match import GeometryDifference as GeometryDifferenc
 from echelon.base.kinematic_match import ZeroPose as ZeroPose
 from echelon.base.kinematic_match import bare_tree as bare_tree
 from echelon.base.kinematic_match import correspondences as correspondences
-from echelon.base.kinematic_match import gravity_value as gravity_value
 from echelon.base.linear_base import LinearBase as LinearBase
 from echelon.base.matrix import Identifiability as Identifiability
 from echelon.base.model import BaseModel as BaseModel

@@ -27,7 +27,6 @@ from echelon.robot import (
     Mechanism,
     Motion,
     MotionKind,
-    symbol_values,
 )
 from echelon.shared import Floats, InputError, listed
 
@@ -569,13 +568,6 @@ def _moves_otherwise(
             name = found.first.motions[i].name
             away.append(GeometryDifference(name, "motion", size, "m"))
     return away
-
-
-def gravity_value(mechanism: Mechanism) -> Floats:
-    """Gravity in the base frame at the stated values, m/s²; zero where there is none."""
-    parts = mechanism.gravity or ()
-    values = symbol_values(mechanism, sorted({s for p in parts for s in p.symbols()}))
-    return np.array([part.at(values) for part in parts] or [0.0] * 3)
 
 
 def _angle(axis: Floats, start: Floats, end: Floats) -> float:

@@ -17,10 +17,15 @@ from echelon.base.derive import base_of
 from echelon.base.kinematic_match import (
     Correspondence,
     correspondences,
-    gravity_value,
 )
 from echelon.base.model import BaseModel
-from echelon.robot import Mechanism, MotionKind, Readable, frame_change
+from echelon.robot import (
+    Mechanism,
+    MotionKind,
+    Readable,
+    frame_change,
+    gravity_value,
+)
 from echelon.shared import PER_BODY, Floats, InputError, public
 
 

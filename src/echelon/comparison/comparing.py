@@ -18,7 +18,6 @@ from echelon.base import (
     Correspondence,
     base_of,
     correspondences,
-    gravity_value,
 )
 from echelon.comparison.inertias import (
     InertialDifference,
@@ -40,6 +39,7 @@ from echelon.robot import (
     GROUND,
     Mechanism,
     characteristic_length,
+    gravity_value,
     lock_joints,
     mechanism_of,
     renamed,

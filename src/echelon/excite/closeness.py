@@ -109,7 +109,7 @@ def beginning(task: Task, trajectory: Trajectory) -> str:
 def room_needed(task: Task, trajectory: Trajectory) -> str:
     """A sentence about the depth that a robot reaches below its base; empty if it floats or has no gravity."""
     mechanism = task.base.mechanism
-    if not mechanism.gravity or mechanism.bodies[0].joint.is_floating:
+    if not mechanism.gravity or task.setup.mechanism.floating_joints:
         return ""
     count = min(round(DISTANCE_RATE * trajectory.duration), MOST_SAMPLES)
     time = np.linspace(0.0, trajectory.duration, count + 1)

@@ -359,11 +359,12 @@ def _logged(mechanism: Mechanism, path: str | os.PathLike[str]) -> _Driven:
             source=os.fspath(path),
         )
     read = columns if whole else columns[:1]
+    # one style of names holds for all positions
+    prefix = "" if columns[0] == list(coordinates) else f"{PREFIXES[0]}_"
     locked = {
-        name: Locked(Channel(column), at)
+        name: Locked(Channel(prefix + name), at)
         for name, at in mechanism.locked.items()
-        for column in (f"{PREFIXES[0]}_{name}", name)
-        if column in names
+        if prefix + name in names
     }
     resting = [name for one in locked.values() for name in one.columns]
     table = read_table(path, [TIME, *chain.from_iterable(read), *resting])

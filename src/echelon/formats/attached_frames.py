@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan2, hypot, pi
+from math import pi
 
 import numpy as np
 
 from echelon.formats.bodies import BASE
+from echelon.formats.literal import roll_pitch_yaw
 from echelon.formats.met_frames import at_zero
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.snapping import ReadingOptions
@@ -23,7 +24,6 @@ from echelon.robot import (
 from echelon.shared import Floats
 
 _SAME = 1e-6  # differences of rotation matrices up to which axes are the same
-_LEVEL = 1e-9  # cosine of the pitch up to which roll and yaw turn about one axis
 _DIGITS = (
     4  # of lengths and angles that are no quarter turns, as far as sensors are mounted
 )
@@ -131,13 +131,7 @@ def _quarter_turns() -> list[Floats]:
 
 def _frame_text(pose: Floats) -> str:
     """A frame as set-ups state it, such as ``frame: {rpy: [0, 0, pi/2]}``."""
-    R = pose[:3, :3]
-    pitch = atan2(-R[2, 0], hypot(R[0, 0], R[1, 0]))
-    if hypot(R[0, 0], R[1, 0]) < _LEVEL:
-        roll, yaw = atan2(-R[1, 2], R[1, 1]), 0.0
-    else:
-        roll, yaw = atan2(R[2, 1], R[2, 2]), atan2(R[1, 0], R[0, 0])
-    rpy = f"rpy: [{', '.join(map(_angle_text, (roll, pitch, yaw)))}]"
+    rpy = f"rpy: [{', '.join(map(_angle_text, roll_pitch_yaw(pose[:3, :3])))}]"
     shift = [f"{x:.{_DIGITS}g}" for x in pose[:3, 3].round(_DIGITS + 2) + 0.0]
     xyz = f"xyz: [{', '.join(shift)}], " if pose[:3, 3].any() else ""
     return f"frame: {{{xyz}{rpy}}}"

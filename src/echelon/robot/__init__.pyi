@@ -103,6 +103,7 @@ from echelon.robot.stated import all_symbols as all_symbols
 from echelon.robot.stated import angle_generators as angle_generators
 from echelon.robot.stated import characteristic_length as characteristic_length
 from echelon.robot.stated import geometry as geometry
+from echelon.robot.stated import gravity_value as gravity_value
 from echelon.robot.stated import has_values as has_values
 from echelon.robot.stated import in_numbers as in_numbers
 from echelon.robot.stated import inexact_symbols as inexact_symbols

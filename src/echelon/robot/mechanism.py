@@ -757,11 +757,12 @@ def _check_effects(mechanism: Mechanism) -> None:
                     element=where,
                 )
             own = sorted(_OWN_STATE & term.symbols)
-            own += ["i"] if effect.bristles is not None else []
+            if effect.bristles is not None:
+                own.append("i")
             if action.side is Side.OUTPUT and own:
+                such = f", such as {own[0]}[{joints[0]}]" if joints else ""
                 raise InputError(
-                    f"the output '{action.at}' has no {own[0]} of its own: name a joint or an actuator, such as "
-                    f"{own[0]}[{joints[0]}]",
+                    f"the output '{action.at}' has no {own[0]} of its own: name a joint or an actuator{such}",
                     element=where,
                 )
 

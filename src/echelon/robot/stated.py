@@ -85,13 +85,16 @@ def symbol_values(
     return values
 
 
+def gravity_value(mechanism: Mechanism) -> Floats:
+    """Gravity in the base frame at the stated values, m/s²; zero where there is none."""
+    parts = mechanism.gravity or ()
+    values = symbol_values(mechanism, sorted({s for p in parts for s in p.symbols()}))
+    return np.array([part.at(values) for part in parts] or [0.0] * 3)
+
+
 def upward(mechanism: Mechanism) -> Floats:
     """Unit vector against gravity, in the base frame; z without gravity."""
-    entries = mechanism.gravity or ()
-    symbols = symbol_values(
-        mechanism, sorted({s for entry in entries for s in entry.symbols()})
-    )
-    gravity = np.array([e.at(symbols) for e in entries])
+    gravity = gravity_value(mechanism)
     size = float(np.linalg.norm(gravity))
     return -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
 

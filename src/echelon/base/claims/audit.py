@@ -122,7 +122,7 @@ def audit(
     if not read.rows:
         ignored = "nothing is left to compare: every row is ignored"
         remarks = f"no line holds a standard parameter: {_listed(read.skipped)}"
-        raise InputError(remarks if read.skipped else ignored, source=source)
+        raise InputError(ignored if read.ignored else remarks, source=source)
     return _compare(base, read, chosen)
 
 

@@ -58,10 +58,11 @@ def task_shapes(
     of_setup = stated("shapes", section.shapes)
     lost = geometry.lost
     # a shape of another link on the same body, such as a flange's, does not stand for a lost one
-    readable = {shape.link for shape in geometry.shapes}
-    covered = _bodies(of_setup)
+    covered = {(shape.body, shape.link) for shape in of_setup}
     lacking = [
-        one for one in lost if one.link not in readable and one.body not in covered
+        one
+        for one in lost
+        if (one.body, one.link) not in covered and (one.body, "") not in covered
     ]
     if lacking and section.unreadable == "refuse":
         raise InputError(_unreadable(lacking), element="collisions")
@@ -71,13 +72,14 @@ def task_shapes(
         shaped = _bodies(own) - {one.body for one in lacking}
         boxes = inertia_boxes(mechanism, shaped)
         own = (*own, *(box.shape for box in boxes))
-        texts += _about_boxes(boxes)
+        if boxes:
+            texts += _about_boxes(boxes)
         boxed = {box.shape.body for box in boxes}
         lacking = [one for one in lacking if one.body not in boxed]
     shapeless, count = _shapeless(mechanism, own, lacking)
     if shapeless:
         texts.append(_without_shapes(shapeless, count, lacking))
-    replaced = [one.link for one in lost if one.link in readable or one.body in covered]
+    replaced = [one.link for one in lost if one not in lacking]
     around = stated(
         "obstacles", [{"body": WORLD[0], **obstacle} for obstacle in section.obstacles]
     )
@@ -91,7 +93,7 @@ def task_shapes(
             *(warning("collisions", setup.source, text) for text in texts),
             *(
                 note("collisions", setup.source, text)
-                for text in _notes(replaced, around)
+                for text in _notes(replaced, (*of_setup, *around))
             ),
         ),
         shapeless,
@@ -169,15 +171,15 @@ def _without_shapes(
     return f"{number} of {count} links {verb} not checked: {', '.join(shapeless)}{why}; add shapes under collisions"
 
 
-def _notes(replaced: Sequence[str], around: Sequence[Shape]) -> list[str]:
-    """Notes about boxes that replace meshes, and about shapes of obstacles."""
+def _notes(replaced: Sequence[str], stated: Sequence[Shape]) -> list[str]:
+    """Notes about shapes that stand for meshes, and about the boxes of a set-up."""
     found = []
     if replaced:
         found.append(
             f"shapes of the file that cannot be read are left out, and other shapes stand for their links: {listed(replaced)}"
         )
-    boxes = [shape for shape in around if shape.kind is ShapeKind.BOX]
+    boxes = [shape for shape in stated if shape.kind is ShapeKind.BOX]
     if boxes:
         measures = ", ".join(f"'{box.name}' {box_lengths(box)}" for box in boxes)
-        found.append(f"full lengths of the obstacles that are boxes: {measures}")
+        found.append(f"full lengths of the boxes that the set-up states: {measures}")
     return found

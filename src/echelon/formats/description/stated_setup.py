@@ -371,15 +371,13 @@ class Additions:
         for output in self.mechanism.stated_outputs:
             sensors.setdefault(output.sensor, []).append(output.name)
         names, components = self._valid(entry.side), sensors.get(at, [])
-        may_be_sensor = entry.side in (None, Side.OUTPUT) and components not in (
-            [],
-            [at],
-        )
-        if may_be_sensor and at not in names:
-            return [(name, Side.OUTPUT) for name in components]
-        if may_be_sensor and entry.type in AT_OUTPUTS:
-            problem = f"'{at}' may be the sensor or the {names[at]} of this name: write side: output or side: {names[at]}"
-            raise self.expressions.error(path, problem)
+        is_sensor = bool(components) and components != [at]
+        if is_sensor and entry.side in (None, Side.OUTPUT):
+            if at not in names:
+                return [(name, Side.OUTPUT) for name in components]
+            if entry.type in AT_OUTPUTS:
+                problem = f"'{at}' may be the sensor or the {names[at]} of this name: write side: output or side: {names[at]}"
+                raise self.expressions.error(path, problem)
         return [(at, self._side(at, entry.side, path))]
 
     def _side(self, at: str, stated: str | None, path: str) -> Side:
