@@ -72,8 +72,15 @@ def _name(mechanism: Mechanism, body: int) -> str:
 class OtherAxes:
     """A frame that the axes of a sensor may follow."""
 
-    words: str  # such as ``those of 'ee_link' (frame: {…})``
+    name: str  # of a frame of the robot; empty if it is the stated one, turned by quarter turns
     pose: Floats  # in the frame that is stated, shape (4, 4)
+    stated: Floats  # the stated frame in that of its body, shape (4, 4)
+
+    @property
+    def words(self) -> str:
+        """Such as ``those of 'ee_link' (frame: {…})``."""
+        which = f"those of '{self.name}'" if self.name else "turned by quarter turns"
+        return f"{which} ({_frame_text(self.stated @ self.pose)})"
 
 
 def other_axes(
@@ -83,20 +90,19 @@ def other_axes(
     stated = placement_matrix(cut.frame, known_values(mechanism))
     parent = cut.body != GROUND and cut.on_parent
     host = _name(mechanism, mechanism.bodies[cut.body].parent if parent else cut.body)
-    found = [OtherAxes("", np.eye(4))]
+    found = [OtherAxes("", np.eye(4), stated)]
 
-    def add(words: str, pose: Floats) -> None:
+    def add(name: str, pose: Floats) -> None:
         if all(_differ(pose, known.pose) for known in found):
-            text = f"{words} ({_frame_text(stated @ pose)})"
-            found.append(OtherAxes(text, pose))
+            found.append(OtherAxes(name, pose, stated))
 
     own = frames.get(host)
     for name, frame in frames.items():
         if own is not None and frame.carrier == own.carrier:
             back = np.linalg.inv(own.pose @ stated)
-            add(f"those of '{name}'", back @ frame.pose)
+            add(name, back @ frame.pose)
     for pose in _quarter_turns():
-        add("turned by quarter turns", pose)
+        add("", pose)
     return found[1:]
 
 
@@ -105,10 +111,8 @@ def named_axes(
 ) -> list[str]:
     """Names of other frames that the axes of a sensor may follow, in quotation marks, each once."""
     cut, _ = output.cuts[0]
-    told = [some.words for some in other_axes(mechanism, cut, frames)]
-    return [
-        words.split(" (")[0].removeprefix("those of ") for words in told if "'" in words
-    ]
+    others = other_axes(mechanism, cut, frames)
+    return [f"'{some.name}'" for some in others if some.name]
 
 
 def _differ(one: Floats, other: Floats) -> bool:

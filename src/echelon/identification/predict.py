@@ -132,7 +132,7 @@ def predict_log(plan: LogPlan, values: npt.ArrayLike, path: str | Path) -> Predi
         validated(model, plan.samples(path), {"model": zeta}, role="validation").scores
         if measured
         else (),
-        tuple(_beyond(plan, joined(travels), str(path))),
+        tuple(_beyond(plan, travels, str(path))),
     )
 
 

@@ -427,24 +427,24 @@ def _stated(
     directory: Path,
     links: Mapping[str, Place],
 ) -> Shape:
-    """An entry as a shape."""
-    own = _in_its_frame(entry, number, mechanism, directory, links)
-    link = str(entry["body"])
-    if link not in links:
-        return own
-    return replace(own, placement=links[link][1] @ own.placement, link=link)
-
-
-def _in_its_frame(
-    entry: Mapping[str, Any],
-    number: int,
-    mechanism: Mechanism,
-    directory: Path,
-    links: Mapping[str, Place],
-) -> Shape:
     """An entry as a shape, placed in the frame of the body or link that it names."""
     kind = _kind(entry)
-    body = _body(entry.get("body"), mechanism, links)
+    body, frame = _place(entry.get("body"), mechanism, links)
+    own = _formed(entry, kind, number, body, directory)
+    link = str(entry["body"])
+    return replace(
+        own, placement=frame @ own.placement, link=link if link in links else ""
+    )
+
+
+def _formed(
+    entry: Mapping[str, Any],
+    kind: ShapeKind,
+    number: int,
+    body: int,
+    directory: Path,
+) -> Shape:
+    """An entry as a shape in the frame that it is stated in."""
     unnamed = (
         f"{kind} {number}" if body == GROUND else f"{entry['body']}:{kind}{number}"
     )
@@ -491,14 +491,15 @@ def _kind(entry: Mapping[str, Any]) -> ShapeKind:
     return kinds[0]
 
 
-def _body(name: object, mechanism: Mechanism, links: Mapping[str, Place]) -> int:
+def _place(name: object, mechanism: Mechanism, links: Mapping[str, Place]) -> Place:
+    """The body that carries what is named, −1 for the world, and the frame of that in the body's."""
     names = [body.name for body in mechanism.bodies]
-    if name in names:
-        return names.index(str(name))
     if name in links:
-        return links[str(name)][0]
+        return links[str(name)]
+    if name in names:
+        return names.index(str(name)), np.eye(4)
     if name in WORLD:
-        return GROUND
+        return GROUND, np.eye(4)
     problem = (
         f"there is no body '{name}'"
         if name is not None
